@@ -1,0 +1,23 @@
+"""The exception tree of the project. A message says what, where, by how much, and what to try."""
+
+
+class UnwrinkleError(Exception):
+    """Base of every exception this project raises on purpose.
+
+    Attributes:
+        exit_code: what the command line returns when this error ends it.
+    """
+
+    exit_code = 1
+
+
+class InputError(UnwrinkleError):
+    """A file, an option or an array that cannot be used: wrong shape, truncated, unknown key."""
+
+    exit_code = 2
+
+
+class NoSafePlanError(UnwrinkleError):
+    """No motion that passes every check exists for what was asked."""
+
+    exit_code = 3

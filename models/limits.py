@@ -1,0 +1,148 @@
+"""Limits of the robot's axes, from the one file that states them."""
+
+import dataclasses as dc
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.loader_yaml import load_yaml
+
+ARM_AXES = ("s", "l", "u", "r", "b", "t")
+
+
+@dataclass
+class AxisLimits:
+    """Limits of one axis in rad, rad/s, rad/s^2, rad/s^3 and N m."""
+
+    lower: float = math.nan
+    upper: float = math.nan
+    velocity: float = math.nan
+    acceleration: float = math.nan
+    jerk: float = math.nan
+    effort: float = math.nan
+
+
+@dataclass
+class HeadAxisLimits:
+    """Limits of a pan or tilt axis in rad and rad/s."""
+
+    lower: float = math.nan
+    upper: float = math.nan
+    velocity: float = math.nan
+
+
+@dataclass
+class HeadLimits:
+    """Limits of one pan-tilt unit."""
+
+    pan: HeadAxisLimits = field(default_factory=HeadAxisLimits)
+    tilt: HeadAxisLimits = field(default_factory=HeadAxisLimits)
+
+
+@dataclass
+class GripperLimits:
+    """Stroke of the driven blade in m and its speed in m/s."""
+
+    stroke: float = math.nan
+    velocity: float = math.nan
+
+
+@dataclass
+class LimitsFile:
+    """Schema of limits.yaml."""
+
+    turntable: dict[str, AxisLimits] = field(default_factory=dict)
+    arm: dict[str, AxisLimits] = field(default_factory=dict)
+    planning_fraction: float = 1.0
+    tip_speed_holding: float = math.nan
+    head: HeadLimits = field(default_factory=HeadLimits)
+    gripper: GripperLimits = field(default_factory=GripperLimits)
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Limits of the thirteen axes (turn-table, right arm, left arm), each array of shape (13,), read-only.
+
+    Attributes:
+        lower: least position, rad.
+        upper: greatest position, rad.
+        velocity: rad/s.
+        acceleration: rad/s^2 (assumed, see limits.yaml).
+        jerk: rad/s^3 (assumed).
+        effort: N m (assumed).
+        tip_speed_holding: speed of the tool centre points while holding cloth, m/s.
+        gripper: stroke and speed of the grippers.
+        head: limits of a pan-tilt unit.
+    """
+
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    jerk: NDArray[np.float64]
+    effort: NDArray[np.float64]
+    tip_speed_holding: float
+    gripper: GripperLimits
+    head: HeadLimits
+
+    def scaled(self, fraction: float) -> "Limits":
+        """The same limits at a fraction of velocity, acceleration and jerk.
+
+        Raises:
+            InputError: the fraction is not in (0, 1].
+        """
+        if not 0.0 < fraction <= 1.0:
+            raise InputError(f"speed fraction is {fraction:g}; give one above 0, up to 1")
+        return dc.replace(
+            self,
+            velocity=_frozen(self.velocity * fraction),
+            acceleration=_frozen(self.acceleration * fraction),
+            jerk=_frozen(self.jerk * fraction),
+        )
+
+
+def _frozen(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    values.setflags(write=False)
+    return values
+
+
+def load_limits(path: Path) -> Limits:
+    """Read limits.yaml.
+
+    Raises:
+        InputError: missing file, unknown or missing key, an axis missing, a limit that is not positive.
+    """
+    file = load_yaml(path, LimitsFile)
+    if sorted(file.arm) != sorted(ARM_AXES) or list(file.turntable) != ["ext_axis"]:
+        raise InputError(f"{path}: needs turntable: ext_axis and arm: {', '.join(ARM_AXES)}")
+    scalars = (file.tip_speed_holding, file.gripper.stroke, file.gripper.velocity)
+    if not all(value > 0.0 for value in scalars):
+        raise InputError(f"{path}: tip_speed_holding and gripper stroke, velocity must be positive")
+    rows = [file.turntable["ext_axis"]] + 2 * [file.arm[name] for name in ARM_AXES]
+    for row in rows:
+        if not (
+            row.lower < row.upper and min(row.velocity, row.acceleration, row.jerk, row.effort) > 0
+        ):
+            raise InputError(
+                f"{path}: an axis has lower >= upper, or a limit that is not positive: {row}"
+            )
+
+    def column(name: str) -> NDArray[np.float64]:
+        return _frozen(np.array([getattr(row, name) for row in rows], dtype=float))
+
+    limits = Limits(
+        lower=column("lower"),
+        upper=column("upper"),
+        velocity=column("velocity"),
+        acceleration=column("acceleration"),
+        jerk=column("jerk"),
+        effort=column("effort"),
+        tip_speed_holding=file.tip_speed_holding,
+        gripper=file.gripper,
+        head=file.head,
+    )
+    return limits.scaled(file.planning_fraction)

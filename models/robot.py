@@ -1,0 +1,196 @@
+"""The robot's description as numbers, and its cell as a Drake plant."""
+
+import dataclasses as dc
+import hashlib
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.multibody.parsing import LoadModelDirectives, Parser, ProcessModelDirectives
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.planning import RobotDiagram, RobotDiagramBuilder
+
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.limits import Limits, load_limits
+from unwrinkle.models.loader_yaml import load_yaml, models_dir
+from unwrinkle.models.scenario import Scenario, load_scenario, resolve
+
+ROBOT_INSTANCES = ("turntable", "r1", "r2", "r1_gripper", "r2_gripper", "left_ptu", "right_ptu")
+
+
+@dataclass
+class DenavitHartenberg:
+    """One row of the standard (distal) convention: rad and m."""
+
+    alpha: float = math.nan
+    a: float = math.nan
+    offset: float = math.nan
+    d: float = math.nan
+
+
+@dataclass
+class RobotDescription:
+    """Schema of robot.yaml."""
+
+    name: str = ""
+    axes: list[str] = field(default_factory=list)
+    grippers: list[str] = field(default_factory=list)
+    head: list[str] = field(default_factory=list)
+    denavit_hartenberg: list[DenavitHartenberg] = field(default_factory=list)
+    turntable_height: float = math.nan
+    turntable_yaw: float = math.nan
+    arm_offset: float = math.nan
+    arm_height: float = math.nan
+    arm_cant: float = math.nan
+    tool_offset: float = math.nan
+    tool_yaw: float = math.nan
+    tcp_offset: float = math.nan
+    groups: dict[str, list[int]] = field(default_factory=dict)
+    named_states: dict[str, list[float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """A scenario with what it names: the robot's description, its limits, and the model files' hash.
+
+    Attributes:
+        scenario: the scenario's settings.
+        robot: numbers of the robot.
+        limits: limits of the thirteen axes at the scenario's speed fraction.
+    """
+
+    scenario: Scenario
+    robot: RobotDescription
+    limits: Limits
+
+    @cached_property
+    def robot_hash(self) -> str:
+        """SHA-256 (hex) over every model file and setting that decides where the robot's and the cell's bodies are."""
+        digest = hashlib.sha256()
+        for uri in [*self.scenario.directives, self.scenario.robot]:
+            digest.update(resolve(uri).read_bytes())
+        for path in sorted([*models_dir().glob("*.urdf"), *models_dir().glob("*.sdf")]):
+            digest.update(path.read_bytes())
+        for setting in (self.scenario.gaze, self.scenario.gripper, self.scenario.clearance):
+            digest.update(repr(setting).encode())
+        digest.update(repr(self.scenario.table).encode())
+        return digest.hexdigest()
+
+    @cached_property
+    def limits_hash(self) -> str:
+        """SHA-256 (hex) over the limits as used."""
+        digest = hashlib.sha256()
+        for item in dc.fields(self.limits):
+            value = getattr(self.limits, item.name)
+            digest.update(value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode())
+        return digest.hexdigest()
+
+    def with_speed(self, fraction: float) -> "Cell":
+        """The same cell, with plans at another fraction of the catalogue velocity, acceleration, jerk."""
+        return load_cell(dc.replace(self.scenario, speed=fraction))
+
+
+def load_cell(scenario: Scenario | None = None) -> Cell:
+    """Load what a scenario names.
+
+    Raises:
+        InputError: a file is missing or has an unknown key.
+    """
+    scenario = load_scenario() if scenario is None else scenario
+    robot = load_yaml(resolve(scenario.robot), RobotDescription)
+    if len(robot.axes) != 13 or len(robot.denavit_hartenberg) != 6:
+        raise InputError(f"{scenario.robot}: needs 13 axes and 6 Denavit-Hartenberg rows")
+    numbers = [getattr(robot, f.name) for f in dc.fields(robot) if f.type is float]
+    numbers += [value for row in robot.denavit_hartenberg for value in dc.astuple(row)]
+    if not np.all(np.isfinite(numbers)):
+        raise InputError(f"{scenario.robot}: a kinematic length or angle is missing")
+    return Cell(scenario, robot, load_limits(resolve(scenario.limits)).scaled(scenario.speed))
+
+
+def configure_parser(parser: Parser) -> None:
+    """Let a Drake parser find `package://unwrinkle_models/...`."""
+    parser.package_map().AddPackageXml(str(models_dir() / "package.xml"))
+
+
+def add_cell(cell: Cell, plant: MultibodyPlant, parser: Parser) -> None:
+    """Add the cell's models to a plant and set the axes' limits and default positions; before Finalize.
+
+    Raises:
+        InputError: a directives file cannot be parsed, or lacks an axis of the robot.
+    """
+    configure_parser(parser)
+    for uri in cell.scenario.directives:
+        path = resolve(uri)
+        try:
+            ProcessModelDirectives(LoadModelDirectives(str(path)), parser)
+        except RuntimeError as error:
+            raise InputError(f"{path}: not usable as model directives: {error}") from error
+    limits = cell.limits
+    for i, name in enumerate(cell.robot.axes):
+        joint = _joint(plant, name)
+        joint.set_position_limits([limits.lower[i]], [limits.upper[i]])
+        joint.set_velocity_limits([-limits.velocity[i]], [limits.velocity[i]])
+        joint.set_acceleration_limits([-limits.acceleration[i]], [limits.acceleration[i]])
+    for name in cell.robot.grippers:
+        joint = _joint(plant, name)
+        joint.set_position_limits([0.0], [limits.gripper.stroke])
+        joint.set_default_positions([cell.scenario.gripper.opening])
+    for i, name in enumerate(cell.robot.head):
+        joint = _joint(plant, name)
+        row = limits.head.pan if i % 2 == 0 else limits.head.tilt
+        joint.set_position_limits([row.lower], [row.upper])
+        joint.set_default_positions([cell.scenario.gaze[i % 2]])
+
+
+def build_robot_diagram(cell: Cell) -> RobotDiagram:
+    """The cell as a diagram of plant and scene graph, ready for collision checking or display."""
+    builder = RobotDiagramBuilder(time_step=0.0)
+    add_cell(cell, builder.plant(), builder.parser())
+    return builder.Build()
+
+
+def scoped(name: str) -> tuple[str, str]:
+    """Model instance and element of a scoped name, `r1::joint_s` -> ('r1', 'joint_s')."""
+    instance, _, element = name.rpartition("::")
+    return instance, element
+
+
+def _joint(plant: MultibodyPlant, name: str):  # type: ignore[no-untyped-def]
+    instance, element = scoped(name)
+    try:
+        return plant.GetJointByName(element, plant.GetModelInstanceByName(instance))
+    except RuntimeError as error:
+        raise InputError(f"the cell's models have no joint '{name}': {error}") from error
+
+
+@dataclass(frozen=True, eq=False)
+class PositionIndices:
+    """Where the robot's joints stand in a plant's position vector.
+
+    Attributes:
+        axes: (13,) turn-table, right arm, left arm.
+        grippers: (2,) right, left.
+        head: (4,) left pan, left tilt, right pan, right tilt.
+    """
+
+    axes: NDArray[np.intp]
+    grippers: NDArray[np.intp]
+    head: NDArray[np.intp]
+
+
+def position_indices(cell: Cell, plant: MultibodyPlant) -> PositionIndices:
+    """Indices of the robot's joints in a finalized plant of the cell."""
+
+    def indices(names: list[str]) -> NDArray[np.intp]:
+        return np.array([_joint(plant, name).position_start() for name in names], dtype=np.intp)
+
+    robot = cell.robot
+    return PositionIndices(indices(robot.axes), indices(robot.grippers), indices(robot.head))
+
+
+def model_file(name: str) -> Path:
+    """Path of a model file that the package ships."""
+    return resolve(f"package://unwrinkle_models/{name}")

@@ -1,0 +1,72 @@
+"""Why there is no plan: the cause, in words and numbers."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from unwrinkle.perception.target import FlatteningTarget
+from unwrinkle.planning.search import SearchLog
+
+
+@dataclass(frozen=True)
+class PlanFailure:
+    """The cause of a failure.
+
+    Attributes:
+        cause: far-reach, near-limit, arm-arm, collision, transit, or time.
+        message: one sentence with the figures and what would mend it.
+        missing: metres beyond the reach, where the cause is far-reach.
+    """
+
+    cause: str
+    message: str
+    missing: float | None = None
+
+
+def explain(kind: str, log: SearchLog, target: FlatteningTarget) -> PlanFailure:
+    """Turn a search's log into a cause.
+
+    Args:
+        kind: `dual` or `single`.
+        log: what the search met.
+        target: what it searched for.
+    """
+    head = f"no {kind}-arm motion: "
+    if log.out_of_time:
+        return PlanFailure("time", head + "the search's time budget ran out; raise it")
+    hand = log.missing_hand
+    if hand is not None and log.pairs == 0 and math.isfinite(log.missing):
+        x, y = target.hands[hand.side].p_WG[:2]
+        arm = ("right", "left")[hand.arm]
+        return PlanFailure(
+            "far-reach",
+            f"{head}the {arm} arm lacks {1e3 * log.missing:.0f} mm of reach to the grasp point "
+            f"({x:.2f}, {y:.2f}) at its best (tilt {np.degrees(hand.freedom.tilt):.0f} deg, turn-table "
+            f"{np.degrees(hand.turntable):.0f} deg); {_mend(log.missing, y)}",
+            log.missing,
+        )
+    if log.in_collision:
+        pair = log.colliding
+        names = "" if pair is None else f" ({pair[0]} and {pair[1]} come too close)"
+        both_arms = pair is not None and {pair[0][:2], pair[1][:2]} == {"r1", "r2"}
+        return PlanFailure(
+            "arm-arm" if both_arms else "collision",
+            f"{head}{log.in_collision} motions within reach all collide{names}; "
+            "move the garment nearer to (0, -1.10) or clear the surroundings",
+        )
+    if log.limit_axes:
+        axes = ", ".join(sorted(log.limit_axes, key=lambda a: -log.limit_axes[a]))  # type: ignore[index]
+        return PlanFailure(
+            "near-limit",
+            f"{head}a pose within reach breaks the position limit of axis {axes}; "
+            "move the garment away from the robot's base or turn it",
+        )
+    return PlanFailure("near-limit", head + "no branch follows the whole path; move the garment")
+
+
+def _mend(missing: float, y: float) -> str:
+    """What would give back the missing reach: 15 degrees of tilt or of turn-table buy about 0.10 m each."""
+    if missing < 0.10:
+        return "a steeper tilt window (75 deg), or the garment 0.1 m nearer, would do"
+    return f"move the garment about {missing:.2f} m nearer to the robot (it is at y = {y:.2f})"

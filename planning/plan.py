@@ -1,0 +1,288 @@
+"""The flattening plan as a value: one clock, three segments, two gripper events, one hash."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.models.archive import load_archive, save_archive
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.robot import Cell
+from unwrinkle.perception.target import FlatteningTarget
+from unwrinkle.planning.trajectory import Trajectory
+
+FORMAT = "unwrinkle-plan"
+VERSION = 1
+
+
+@dataclass(frozen=True)
+class PoseMark:
+    """One of the seven poses and when a segment passes it, s on the segment's clock."""
+
+    name: str
+    time: float
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """Motion between two gripper events, from rest to rest.
+
+    Attributes:
+        name: approach, pull or release.
+        start: s on the plan's clock.
+        trajectory: samples on the segment's own clock.
+        closed: whether the right and the left gripper are closed while it runs.
+        poses: the named poses it passes.
+        contact: interval on the segment's clock in which fingers may be nearer to the working table than the usual
+            clearance, down to touching it; s.
+    """
+
+    name: str
+    start: float
+    trajectory: Trajectory
+    closed: tuple[bool, bool]
+    poses: tuple[PoseMark, ...]
+    contact: tuple[float, float]
+
+    @property
+    def end(self) -> float:
+        """End on the plan's clock, s."""
+        return self.start + self.trajectory.duration
+
+
+@dataclass(frozen=True)
+class GripperEvent:
+    """The grippers change their state while both arms rest.
+
+    Attributes:
+        time: begin on the plan's clock, s.
+        closed: state of the right and the left gripper that is commanded.
+        dwell: s until the next segment may start.
+    """
+
+    time: float
+    closed: tuple[bool, bool]
+    dwell: float
+
+
+@dataclass(frozen=True)
+class ArmChoice:
+    """What the search chose for one arm. Angles in rad.
+
+    Attributes:
+        side: index of the target's hand that it serves.
+        offset: the grasp direction turned by this.
+        tilt: of the tool below the horizontal.
+        share: its pull distance over the target's.
+    """
+
+    side: int
+    offset: float
+    tilt: float
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class GarmentSurface:
+    """The garment as it was seen, for showing beside the motion.
+
+    Attributes:
+        p_WV: (V, 3) vertices, m.
+        triangles: (F, 3) vertex indices.
+        colours: (V, 3) uint8 RGB.
+        ridge: (R, 3) line of the wrinkle that is pulled, m.
+        outline: (C, 3) the garment's contour, m.
+    """
+
+    p_WV: NDArray[np.float32]
+    triangles: NDArray[np.int32]
+    colours: NDArray[np.uint8]
+    ridge: NDArray[np.float32]
+    outline: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class FlatteningPlan:
+    """A dual-arm (or single-arm) flattening motion, ready to be verified, shown and executed.
+
+    Attributes:
+        robot: name of the robot it was made for.
+        robot_hash: of the model files and cell settings (see `Cell.robot_hash`).
+        limits_hash: of the limits used.
+        speed: fraction of the catalogue velocity, acceleration and jerk used.
+        target: what was to be flattened.
+        arms: for the right and the left arm; None for one that takes no part.
+        turntable: angle during the grasp, rad.
+        segments: approach, pull, release, in order.
+        events: close after the first, open after the second segment.
+        note: why it is not a dual-arm plan; empty where it is.
+        garment: what was seen; None where unknown.
+    """
+
+    robot: str
+    robot_hash: str
+    limits_hash: str
+    speed: float
+    target: FlatteningTarget
+    arms: tuple[ArmChoice | None, ArmChoice | None]
+    turntable: float
+    segments: tuple[Segment, ...]
+    events: tuple[GripperEvent, ...]
+    note: str = ""
+    garment: GarmentSurface | None = None
+
+    @property
+    def dual(self) -> bool:
+        """Whether both arms take part."""
+        return all(arm is not None for arm in self.arms)
+
+    @property
+    def motion_time(self) -> float:
+        """Time in motion, without the grippers' dwell, s."""
+        return sum(segment.trajectory.duration for segment in self.segments)
+
+    @cached_property
+    def content_hash(self) -> str:
+        """SHA-256 (hex) over everything in the plan, the hashes of robot and limits included."""
+        header, arrays = self._parts()
+        digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
+        for name in sorted(arrays):
+            value = np.ascontiguousarray(arrays[name])
+            digest.update(f"{name}{value.dtype.str}{value.shape}".encode())
+            digest.update(value.tobytes())
+        return digest.hexdigest()
+
+    def check_made_for(self, cell: Cell) -> None:
+        """Refuse a plan of another robot, cell or set of limits.
+
+        Raises:
+            InputError: which of them differs.
+        """
+        if self.robot != cell.robot.name:
+            raise InputError(
+                f"the plan is for robot '{self.robot}', this cell has '{cell.robot.name}'"
+            )
+        if self.robot_hash != cell.robot_hash:
+            raise InputError(
+                f"the plan was made for another model of the cell ({self.robot_hash[:12]}, here "
+                f"{cell.robot_hash[:12]}): the robot, a table or a clearance has changed; plan again"
+            )
+        limits_hash = cell.with_speed(self.speed).limits_hash
+        if self.limits_hash != limits_hash:
+            raise InputError(
+                f"the plan was made with other limits ({self.limits_hash[:12]}, here "
+                f"{limits_hash[:12]}); plan again"
+            )
+
+    def save(self, path: str | Path) -> None:
+        """Write one file, whole or not at all.
+
+        Raises:
+            InputError: it cannot be written there.
+        """
+        header, arrays = self._parts()
+        save_archive(path, {**header, "content_hash": self.content_hash}, arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> "FlatteningPlan":
+        """Read a plan and check its hash.
+
+        Raises:
+            InputError: missing, damaged, no plan, of another version, or changed since it was made.
+        """
+        header, arrays = load_archive(path)
+        if header.get("format") != FORMAT:
+            raise InputError(f"{path}: is not a flattening plan; make one with `unwrinkle plan`")
+        if header.get("version") != VERSION:
+            raise InputError(
+                f"{path}: plan version {header.get('version')}, this program reads version {VERSION};"
+                " plan again"
+            )
+        try:
+            plan = _from_parts(header, arrays)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise InputError(f"{path}: is damaged ({error!r}); plan again") from None
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+        if plan.content_hash != header.get("content_hash"):
+            raise InputError(
+                f"{path}: the content does not match its hash {str(header.get('content_hash'))[:12]}:"
+                " it was changed after planning; plan again"
+            )
+        return plan
+
+    def _parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        arrays: dict[str, NDArray[Any]] = {}
+        segments = []
+        for i, segment in enumerate(self.segments):
+            for name in ("times", "positions", "velocities"):
+                arrays[f"segment{i}.{name}"] = getattr(segment.trajectory, name)
+            segments.append(
+                {
+                    "name": segment.name,
+                    "start": segment.start,
+                    "closed": list(segment.closed),
+                    "poses": [asdict(mark) for mark in segment.poses],
+                    "contact": list(segment.contact),
+                }
+            )
+        if self.garment is not None:
+            for name in GarmentSurface.__dataclass_fields__:
+                arrays[f"garment.{name}"] = getattr(self.garment, name)
+        header = {
+            "format": FORMAT,
+            "version": VERSION,
+            "robot": self.robot,
+            "robot_hash": self.robot_hash,
+            "limits_hash": self.limits_hash,
+            "speed": self.speed,
+            "target": self.target.to_json(),
+            "arms": [None if arm is None else asdict(arm) for arm in self.arms],
+            "turntable": self.turntable,
+            "segments": segments,
+            "events": [{**asdict(event), "closed": list(event.closed)} for event in self.events],
+            "note": self.note,
+        }
+        return header, arrays
+
+
+def _from_parts(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> FlatteningPlan:
+    segments = []
+    for i, item in enumerate(header["segments"]):
+        trajectory = Trajectory(
+            *(arrays[f"segment{i}.{name}"] for name in ("times", "positions", "velocities"))
+        )
+        poses = tuple(PoseMark(**mark) for mark in item["poses"])
+        right, left = item["closed"]
+        begin, end = item["contact"]
+        segments.append(
+            Segment(item["name"], item["start"], trajectory, (right, left), poses, (begin, end))
+        )
+    events = tuple(
+        GripperEvent(event["time"], (event["closed"][0], event["closed"][1]), event["dwell"])
+        for event in header["events"]
+    )
+    arms = [None if arm is None else ArmChoice(**arm) for arm in header["arms"]]
+    garment = None
+    if "garment.p_WV" in arrays:
+        names = GarmentSurface.__dataclass_fields__
+        garment = GarmentSurface(**{name: arrays[f"garment.{name}"] for name in names})
+    return FlatteningPlan(
+        robot=header["robot"],
+        robot_hash=header["robot_hash"],
+        limits_hash=header["limits_hash"],
+        speed=header["speed"],
+        target=FlatteningTarget.from_json(header["target"]),
+        arms=(arms[0], arms[1]),
+        turntable=header["turntable"],
+        segments=tuple(segments),
+        events=events,
+        note=header["note"],
+        garment=garment,
+    )
