@@ -19,16 +19,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
+from scipy.interpolate import BSpline, CubicHermiteSpline, CubicSpline, make_interp_spline
 
 Array = NDArray[np.float64]
 
 _COEFFICIENTS = 36
 _COLLOCATION = 96
 _FINE = 8 * _COLLOCATION
-_GROWTH = 6.0
-_GAP = 1e-3  # relative optimality gap at which the barrier method stops
-_NEWTON = 12
+_GROWTH = 10.0
+_GAP = 2e-3  # relative optimality gap at which the barrier method stops
+_NEWTON = 4  # steps for one weight of the barrier
 _TIME_FACTOR = 30.0 / 16.0  # ds/dtau over sqrt(x / w)
 
 
@@ -68,7 +68,10 @@ def _basis(tau: Array, knots: Array) -> _Basis:
 
 
 _KNOTS = np.concatenate([[0.0] * 3, np.linspace(0.0, 1.0, _COEFFICIENTS - 2), [1.0] * 3])
-_COARSE = _basis((np.arange(_COLLOCATION) + 0.5) / _COLLOCATION, _KNOTS)
+# Limits are also kept close to both ends, where no midpoint is.
+_ENDS = np.array([1e-3, 1.0 - 1e-3])
+_MIDPOINTS = (np.arange(_COLLOCATION) + 0.5) / _COLLOCATION
+_COARSE = _basis(np.concatenate([_ENDS, _MIDPOINTS]), _KNOTS)
 _DENSE = _basis((np.arange(_FINE) + 0.5) / _FINE, _KNOTS)
 
 
@@ -157,8 +160,7 @@ class TimedPath:
     path: JointPath
     duration: float
     _coefficients: Array
-    _times: Array
-    _taus: Array
+    _tau_of_time: CubicHermiteSpline
 
     def sample(self, period: float) -> tuple[Array, Array, Array]:
         """Times (N,), positions and velocities (N, n) at a period, the first and last at rest.
@@ -168,14 +170,9 @@ class TimedPath:
         count = max(1, int(np.ceil(self.duration / period - 1e-9)))
         stretch = count * period / self.duration
         t = np.arange(count + 1) * period
-        tau = np.interp(t / stretch, self._times, self._taus)
-        w_of = BSpline(_KNOTS, self._coefficients, 3)
-        for _ in range(3):  # Newton on t(tau), from the table
-            table = np.interp(tau, self._taus, self._times)
-            fine = _TIME_FACTOR / np.sqrt(w_of(tau))
-            tau = np.clip(tau + 0.0 * (t / stretch - table) / fine, 0.0, 1.0)
+        tau = self._tau_of_time(t / stretch)
         s = 10 * tau**3 - 15 * tau**4 + 6 * tau**5
-        x = 256.0 * (tau * (1.0 - tau)) ** 4 * w_of(tau)
+        x = 256.0 * (tau * (1.0 - tau)) ** 4 * BSpline(_KNOTS, self._coefficients, 3)(tau)
         q = self.path.spline(s)
         v = self.path.spline(s, nu=1) * (np.sqrt(np.maximum(x, 0.0)) / stretch)[:, None]
         v[0] = v[-1] = 0.0
@@ -218,7 +215,7 @@ def _optimise(c: Array, rows: _Rows) -> Array:
     values = _COARSE.values
     count = rows.velocity.shape[1] * (1 + 2 * 2 * rows.jerk.shape[2])
     w = _evaluate(c, _COARSE)
-    scale = 1.0 / np.sum(w[:, 0] ** -0.5, axis=1)  # so that the objective starts at 1
+    scale = 1.0 / np.sum(w[:, 0, 2:] ** -0.5, axis=1)  # so that the objective starts at 1
     weight = 30.0
     active = np.ones(len(c), dtype=bool)
     phi = values.transpose(1, 0, 2)  # (M, 3, K)
@@ -235,10 +232,10 @@ def _optimise(c: Array, rows: _Rows) -> Array:
             h += 1e-12 * np.trace(h, axis1=1, axis2=2)[:, None, None] * np.eye(_COEFFICIENTS)
             step = -np.linalg.solve(h, g[..., None])[..., 0]
             decrement = -np.sum(g * step, axis=1)
-            active = decrement > 0.02
+            active = decrement > 0.3
             if not active.any():
                 break
-            length = np.where(active, 1.0, 0.0)
+            length = np.where(active, _room(w, _evaluate(step, _COARSE), rows), 0.0)
             for _ in range(30):
                 trial = c + length[:, None] * step
                 new = _barrier_value(_evaluate(trial, _COARSE), rows, weight * scale)
@@ -250,13 +247,32 @@ def _optimise(c: Array, rows: _Rows) -> Array:
     return c
 
 
+def _room(w: Array, dw: Array, rows: _Rows) -> Array:
+    """Step length (P,), at most 1, that stays inside the limits to first order."""
+    v, a, j = rows.ratios(w)
+    linear = dw.transpose(0, 2, 1)[:, :, None, :]
+    da = np.sum(rows.acceleration * linear[..., :2], axis=-1)
+    root = np.sqrt(w[:, 0])[..., None]
+    dj = np.sum(rows.jerk * linear, axis=-1) * root + 0.5 * j * (dw[:, 0] / w[:, 0])[..., None]
+    # Fractions of what is left of each limit that the full step would use.
+    used = np.maximum.reduce(
+        [
+            (rows.velocity * dw[:, 0] / (1.0 - v)).max(1),
+            (-dw[:, 0] / w[:, 0]).max(1),
+            (np.abs(da) / (1.0 - np.copysign(a, da * a))).max((1, 2)),
+            (np.abs(dj) / (1.0 - np.copysign(j, dj * j))).max((1, 2)),
+        ]
+    )
+    return np.asarray(np.minimum(1.0, 0.95 / np.maximum(used, 1e-12)))
+
+
 def _barrier_value(w: Array, rows: _Rows, weight: Array) -> Array:
     """Barrier function of each path (P,); infinite outside the limits."""
     with np.errstate(invalid="ignore", divide="ignore"):
         v, a, j = rows.ratios(w)
         slack = [1.0 - v, 1.0 - a * a, 1.0 - j * j]
         inside = np.all(w[:, 0] > 0.0, axis=1)
-        total = weight * np.sum(w[:, 0] ** -0.5, axis=1)
+        total = weight * np.sum(w[:, 0, 2:] ** -0.5, axis=1)
         for s in slack:
             inside &= np.all(s.reshape(len(s), -1) > 0.0, axis=1)
             total = total - np.sum(np.log(s).reshape(len(s), -1), axis=1)
@@ -271,8 +287,10 @@ def _barrier(w: Array, rows: _Rows, weight: Array) -> tuple[Array, Array, Array]
     gradient = np.zeros((*w0.shape, 3))
     hessian = np.zeros((*w0.shape, 3, 3))
     t = weight[:, None]
-    gradient[..., 0] = -0.5 * t * w0**-1.5 + rows.velocity / (1.0 - v)
-    hessian[..., 0, 0] = 0.75 * t * w0**-2.5 + (rows.velocity / (1.0 - v)) ** 2
+    gradient[..., 0] = rows.velocity / (1.0 - v)
+    gradient[:, 2:, 0] -= 0.5 * t * w0[:, 2:] ** -1.5
+    hessian[..., 0, 0] = (rows.velocity / (1.0 - v)) ** 2
+    hessian[:, 2:, 0, 0] += 0.75 * t * w0[:, 2:] ** -2.5
     # -log(1 - r^2): first derivative 2 r / (1 - r^2), second 2 (1 + r^2) / (1 - r^2)^2
     first, second = 2 * a / (1 - a * a), 2 * (1 + a * a) / (1 - a * a) ** 2
     gradient[..., :2] += np.einsum("pmn,pmnd->pmd", first, rows.acceleration)
@@ -288,11 +306,12 @@ def _barrier(w: Array, rows: _Rows, weight: Array) -> tuple[Array, Array, Array]
 
 
 def _timed(path: JointPath, coefficients: Array) -> TimedPath:
-    count = 2048
+    count = 512
     edges = np.linspace(0.0, 1.0, count + 1)
     middle = 0.5 * (edges[1:] + edges[:-1])
     spline = BSpline(_KNOTS, coefficients, 3)
     at_edges, at_middle = spline(edges) ** -0.5, spline(middle) ** -0.5
     steps = (at_edges[1:] + at_edges[:-1] + 4.0 * at_middle) / (6.0 * count)
     times = _TIME_FACTOR * np.concatenate([[0.0], np.cumsum(steps)])
-    return TimedPath(path, float(times[-1]), coefficients, times, edges)
+    inverse = CubicHermiteSpline(times, edges, 1.0 / (_TIME_FACTOR * at_edges))
+    return TimedPath(path, float(times[-1]), coefficients, inverse)

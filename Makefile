@@ -1,0 +1,61 @@
+# `make flatten` and `make test` need git, make and Python 3.11 (or newer); the rest goes into .venv.
+
+PYTHON ?= $(shell for p in python3.11 python3; do \
+	$$p -c 'import sys, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
+VENV ?= .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+BENCHMARKS := $(filter-out report,$(patsubst benchmarks/%.py,%,$(wildcard benchmarks/[a-z]*.py)))
+
+# A fresh copy of the package as users get it. Type checks and tests look at this one, since tools
+# cannot see through the map from root folders to subpackages that an editable install has.
+INSTALLED := $(CURDIR)/build/installed
+
+.PHONY: help flatten test lint type bench format clean installed
+
+help:
+	@echo "make flatten   plan a flattening motion for the shipped capture, and name the page that shows it"
+	@echo "make test      lint, type check, and all tests"
+	@echo "make format    format and mend what ruff can"
+	@echo "make bench     run every benchmark and write docs/results (long; QUICK=1 for a smaller sample)"
+	@echo "make clean     remove what was built (and .venv)"
+
+flatten: $(VENV)/ready
+	$(BIN)/unwrinkle plan models/captures/towel.npz
+
+test: lint type
+	PYTHONPATH=$(INSTALLED) $(BIN)/pytest
+
+lint: $(VENV)/ready
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+type: installed
+	cd $(INSTALLED) && $(abspath $(BIN))/mypy --config-file $(CURDIR)/pyproject.toml \
+		--cache-dir $(CURDIR)/.mypy_cache -p unwrinkle
+
+bench: $(VENV)/ready
+	$(PIP) install --quiet --constraint constraints.txt --no-build-isolation --editable '.[bench]'
+	set -e; for name in $(BENCHMARKS); do \
+		$(BIN)/unwrinkle bench $$name $(if $(QUICK),--quick --json out/$$name.json, \
+			--json docs/results/$$name.json --markdown docs/results/$$name.md); done
+
+format: $(VENV)/ready
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+clean:
+	rm -rf $(VENV) build dist out *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+installed: $(VENV)/ready
+	rm -rf build
+	$(PIP) install --quiet --no-deps --no-build-isolation --target $(INSTALLED) .
+
+$(VENV)/ready: pyproject.toml constraints.txt
+	@test -n "$(PYTHON)" || { echo "no Python 3.11 or newer with venv found; set PYTHON=..." >&2; exit 1; }
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(PIP) install --quiet --constraint constraints.txt pip setuptools
+	$(PIP) install --quiet --constraint constraints.txt --no-build-isolation --editable '.[dev]'
+	@$(BIN)/python -c 'import pydrake' || { echo "Drake does not load; on Debian: apt-get install libglib2.0-0" >&2; exit 1; }
+	@touch $@

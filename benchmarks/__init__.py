@@ -1,0 +1,1 @@
+"""Benchmarks: each public module but `report` is one, run by ``unwrinkle bench NAME``."""

@@ -1,0 +1,125 @@
+"""Pinhole cameras: intrinsics by name or from YAML, rays and projection.
+
+Camera frame C: x right, y down, z forward (OpenCV). The centre of the top left pixel is (0, 0).
+"""
+
+from dataclasses import dataclass, field
+from math import atan, degrees, isfinite
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.models import InputError, load_yaml, models_dir
+
+_WIDEST = 150.0
+_NARROWEST = 2.0
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Pinhole intrinsics with OpenCV's distortion.
+
+    Attributes:
+        name: what the camera is called.
+        width, height: image size, pixels.
+        fx, fy, cx, cy: focal lengths and principal point, pixels.
+        distortion: k1, k2, p1, p2, k3; empty for none.
+        sensor: name of the noise profile of its depth.
+
+    Raises:
+        InputError: a size or focal length is not positive, a number is not finite, the principal
+            point lies far outside the image, or the field of view is below 2 or above 150 degrees.
+    """
+
+    name: str = ""
+    width: int = 0
+    height: int = 0
+    fx: float = 0.0
+    fy: float = 0.0
+    cx: float = 0.0
+    cy: float = 0.0
+    distortion: list[float] = field(default_factory=list)
+    sensor: str = "xtion"
+
+    def __post_init__(self) -> None:
+        """Refuse intrinsics that no real camera has."""
+        label = f"camera {self.name!r}"
+        numbers = (self.fx, self.fy, self.cx, self.cy, *self.distortion)
+        if not all(isfinite(number) for number in numbers):
+            raise InputError(f"{label}: intrinsics {numbers} must be finite; calibrate again")
+        if self.width < 2 or self.height < 2:
+            raise InputError(f"{label}: image size {self.width} x {self.height} is no image size")
+        if self.fx <= 0.0 or self.fy <= 0.0:
+            raise InputError(f"{label}: focal length fx {self.fx}, fy {self.fy} must be positive")
+        if len(self.distortion) not in (0, 4, 5):
+            raise InputError(f"{label}: distortion needs k1, k2, p1, p2[, k3] or nothing")
+        for axis, size, focal, centre in (
+            ("x", self.width, self.fx, self.cx),
+            ("y", self.height, self.fy, self.cy),
+        ):
+            if not -0.5 * size <= centre <= 1.5 * size:
+                raise InputError(
+                    f"{label}: principal point c{axis} = {centre} lies far outside the image "
+                    f"of {size} pixels; are the intrinsics of another resolution?"
+                )
+            view = degrees(2.0 * atan(0.5 * size / focal))
+            if not _NARROWEST <= view <= _WIDEST:
+                raise InputError(
+                    f"{label}: f{axis} = {focal} gives a field of view of {view:.1f} degrees, "
+                    f"wanted {_NARROWEST:.0f} to {_WIDEST:.0f}; is it in pixels?"
+                )
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """The 3 x 3 intrinsic matrix."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    def rays(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """X and y of the undistorted ray (x, y, 1) through each pixel, both (height, width)."""
+        u, v = np.arange(self.width, dtype=float), np.arange(self.height, dtype=float)
+        if not any(self.distortion):
+            x, y = np.meshgrid((u - self.cx) / self.fx, (v - self.cy) / self.fy)
+            return x, y
+        pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 1, 2)
+        undistorted = cv2.undistortPoints(pixels, self.matrix, np.array(self.distortion))
+        grid = np.asarray(undistorted, dtype=float).reshape(self.height, self.width, 2)
+        return grid[..., 0], grid[..., 1]
+
+    def project(self, points: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+        """Pixel u, v of camera-frame points (..., 3) in metres; the result is (..., 2)."""
+        points = np.asarray(points, dtype=float)
+        if not any(self.distortion):
+            scaled = points[..., :2] / points[..., 2:]
+            return scaled * [self.fx, self.fy] + [self.cx, self.cy]
+        pixels, _ = cv2.projectPoints(
+            points.reshape(-1, 1, 3),
+            np.zeros(3),
+            np.zeros(3),
+            self.matrix,
+            np.array(self.distortion),
+        )
+        return np.asarray(pixels, dtype=float).reshape(*points.shape[:-1], 2)
+
+
+def camera_names() -> tuple[str, ...]:
+    """Return the names of the cameras that the package describes."""
+    return tuple(sorted(path.stem for path in (models_dir() / "cameras").glob("*.yaml")))
+
+
+def load_camera(name: str | Path) -> Camera:
+    """Return the camera of that name, or the one that a YAML file describes.
+
+    Raises:
+        InputError: unknown name, missing file, unknown key, or absurd intrinsics.
+    """
+    if str(name) in camera_names():
+        return load_yaml(models_dir() / "cameras" / f"{name}.yaml", Camera)
+    path = Path(name)
+    if path.suffix.lower() in (".yaml", ".yml"):
+        return load_yaml(path, Camera)
+    raise InputError(
+        f"camera {str(name)!r}: unknown; known are {', '.join(camera_names())}, or give a .yaml"
+    )

@@ -1,0 +1,97 @@
+"""Points above the table, averaged into a metric grid that is aligned with the world."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+_LEAST_WEIGHT = 0.15
+_LARGEST_GRID = 40_000_000
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A metric grid: cell (i, j) is at x = x_first + j * resolution, y = y_first + i * resolution."""
+
+    x_first: float
+    y_first: float
+    nx: int
+    ny: int
+    resolution: float
+
+    @staticmethod
+    def over(x: NDArray[Any], y: NDArray[Any], resolution: float, margin: float) -> "Grid":
+        """Return the least grid over points (n,), with a margin; cells fall on whole multiples.
+
+        Raises:
+            ValueError: the grid would have over 40 million cells.
+        """
+        low_x, low_y = (
+            int(np.floor((float(values.min()) - margin) / resolution)) for values in (x, y)
+        )
+        high_x, high_y = (
+            int(np.ceil((float(values.max()) + margin) / resolution)) for values in (x, y)
+        )
+        nx, ny = high_x - low_x + 1, high_y - low_y + 1
+        if nx * ny > _LARGEST_GRID:
+            raise ValueError(f"a grid of {nx} x {ny} cells is too large")
+        return Grid(low_x * resolution, low_y * resolution, nx, ny, resolution)
+
+
+def average(
+    x: NDArray[np.floating[Any]],
+    y: NDArray[np.floating[Any]],
+    values: NDArray[np.floating[Any]],
+    grid: Grid,
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Average scattered values into the grid with bilinear weights.
+
+    Each point is shared among the four cells around it, so that a slope leaves no bias as it does
+    where each cell takes the plain mean of whatever fell into it.
+
+    Args:
+        x, y: (n,) metres. Points outside the grid are left out.
+        values: (n,) or (n, k).
+        grid: where to.
+
+    Returns:
+        (ny, nx) or (ny, nx, k) averages, 0 where there is nothing, and (ny, nx) bool where there
+        is enough; single cells between measured ones are filled from them.
+    """
+    columns = (np.asarray(x, dtype=float) - grid.x_first) / grid.resolution
+    rows = (np.asarray(y, dtype=float) - grid.y_first) / grid.resolution
+    inside = (columns >= 0) & (columns < grid.nx - 1) & (rows >= 0) & (rows < grid.ny - 1)
+    columns, rows = columns[inside], rows[inside]
+    flat = np.asarray(values, dtype=float)[inside].reshape(columns.size, -1)
+    left, top = columns.astype(np.intp), rows.astype(np.intp)
+    right_share, low_share = columns - left, rows - top
+    size = grid.nx * grid.ny
+    weight = np.zeros(size)
+    total = np.zeros((flat.shape[1], size))
+    for down in (0, 1):
+        for aside in (0, 1):
+            share = np.where(down, low_share, 1.0 - low_share)
+            share = share * np.where(aside, right_share, 1.0 - right_share)
+            index = (top + down) * grid.nx + left + aside
+            weight += np.bincount(index, share, minlength=size)
+            for k in range(flat.shape[1]):
+                total[k] += np.bincount(index, share * flat[:, k], minlength=size)
+    weights = weight.reshape(grid.ny, grid.nx)
+    totals = total.reshape(-1, grid.ny, grid.nx)
+    measured = weights > _LEAST_WEIGHT
+    # A cell that a measured neighbour lies on each side of is no hole but a gap of the sampling.
+    spread = cv2.GaussianBlur(weights, (5, 5), 0.8)
+    gap = ~measured & (_closed(measured) > 0) & (spread > 0.02)
+    result = np.zeros(totals.shape)
+    for k, layer in enumerate(totals):
+        result[k][measured] = layer[measured] / weights[measured]
+        result[k][gap] = cv2.GaussianBlur(layer, (5, 5), 0.8)[gap] / spread[gap]
+    averages = result[0] if np.ndim(values) == 1 else np.moveaxis(result, 0, -1)
+    return averages, measured | gap
+
+
+def _closed(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    return np.asarray(closed, dtype=np.uint8)

@@ -1,0 +1,96 @@
+"""What each kind of sensor can and cannot resolve: one profile per sensor, in metres."""
+
+from dataclasses import dataclass, fields
+from math import isfinite
+
+from unwrinkle.models import InputError, load_yaml, models_dir
+
+_LENGTHS_POSITIVE = (
+    "resolution",
+    "depth_noise",
+    "garment_height",
+    "knot_spacing",
+    "rank_radius",
+    "wrinkledness_window",
+)
+
+
+@dataclass(frozen=True)
+class NoiseProfile:
+    """Settings that depend on the sensor's noise. Lengths in metres, curvatures in 1/m.
+
+    Attributes:
+        name: "stereo", "xtion" or "tof".
+        resolution: side of a height-map cell.
+        depth_noise: standard deviation of one depth reading, quantisation included.
+        garment_height: height above the table from which depth alone calls a cell garment.
+        bias_degree: degree of the slow bias of depth that is taken out of the table, 0 for none.
+        column_bias: whether the sensor has vertical bands (PrimeSense) that are taken out too.
+        knot_spacing: knot spacing of the B-spline surface.
+        smoothing: length of the surface's smoothing penalty, 0 for none.
+        flat_curvature: curvedness below which a cell is class 0, "flat".
+        ridge_curvature: least curvature across a ridge for it to be kept.
+        rank_radius: radius of the majority rank filter (its window is 2 * radius wide).
+        link_gap: widest gap between two ridge pieces that may be linked.
+        linking_cosine: least cosine between two pieces' directions for linking them.
+        wrinkle_length: ridges shorter than this are no wrinkles.
+        triplet_spacing: distance between the ridge samples that triplets are sought at.
+        contour_reach: how far from the ridge a contour is sought.
+        wrinkledness_window: side of the window of the wrinkledness entropy.
+        flat_inclination: normals tilted less (radians) share one histogram bin.
+        halting_pull: the garment is flat when no wrinkle asks for more than this (the paper's
+            0.5 cm).
+    """
+
+    name: str = ""
+    resolution: float = 0.0005
+    depth_noise: float = 0.0001
+    garment_height: float = 0.0012
+    bias_degree: int = 0
+    column_bias: bool = False
+    knot_spacing: float = 0.008
+    smoothing: float = 0.0
+    flat_curvature: float = 2.0
+    ridge_curvature: float = 4.0
+    rank_radius: float = 0.0035
+    link_gap: float = 0.03
+    linking_cosine: float = 0.9
+    wrinkle_length: float = 0.03
+    triplet_spacing: float = 0.002
+    contour_reach: float = 0.05
+    wrinkledness_window: float = 0.033
+    flat_inclination: float = 0.0524
+    halting_pull: float = 0.005
+
+    def __post_init__(self) -> None:
+        """Refuse settings that no later stage could work with."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, str):
+                continue
+            if not isfinite(value) or value < 0.0:
+                raise InputError(
+                    f"noise profile {self.name!r}: {field.name} = {value} must be finite and >= 0"
+                )
+            if field.name in _LENGTHS_POSITIVE and value <= 0.0:
+                raise InputError(f"noise profile {self.name!r}: {field.name} must be positive")
+
+
+def noise_profile_names() -> tuple[str, ...]:
+    """Return the names of the profiles that the package ships."""
+    return tuple(sorted(p.stem for p in (models_dir() / "sensors").glob("*.yaml")))
+
+
+def noise_profile(name: str) -> NoiseProfile:
+    """Return the profile `name` ("stereo", "xtion", "tof") from the package's sensors.
+
+    Raises:
+        InputError: there is no such profile, or its file does not fit.
+    """
+    names = noise_profile_names()
+    if name not in names:
+        raise InputError(f"noise profile {name!r}: unknown; known are {', '.join(names)}")
+    profile = load_yaml(models_dir() / "sensors" / f"{name}.yaml", NoiseProfile)
+    if profile.name != name:
+        raise InputError(f"sensors/{name}.yaml: its name says {profile.name!r}")
+    return profile

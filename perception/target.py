@@ -1,0 +1,169 @@
+"""What perception hands to the planner: four parameters per hand, or the reason why there are none.
+
+A wrinkle is pulled flat from both sides. Each hand is given the paper's four parameters (grasp
+position, grasp direction, pull direction, pull distance). `unwrinkle.perception.targeting` computes
+them; the types here carry them and check what no planner may be handed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.models.errors import InputError
+
+Vector = NDArray[np.float64]
+
+#: The grippers may never end further apart than this times the cloth between them.
+STRETCH_LIMIT = 1.10
+
+#: Eq. 5's two readings: between the inflection lines (paper), or on to the wrinkle's feet.
+MODES = ("paper", "foot")
+
+
+def _frozen_vector(value: Any, size: int, name: str) -> Vector:
+    vector = np.array(value, dtype=float)
+    if vector.shape != (size,) or not np.all(np.isfinite(vector)):
+        raise InputError(f"{name} must be {size} finite numbers, got {value!r}")
+    vector.setflags(write=False)
+    return vector
+
+
+def _unit_vector(value: Any, name: str) -> Vector:
+    vector = _frozen_vector(value, 2, name)
+    norm = float(np.hypot(*vector))
+    if abs(norm - 1.0) > 1e-6:
+        raise InputError(f"{name} must have length 1, got {norm:.6f}")
+    return vector
+
+
+@dataclass(frozen=True, eq=False)
+class HandTarget:
+    """The paper's four parameters for one hand. World frame W, z up, metres.
+
+    Attributes:
+        p_WG: (3,) grasp point at the garment's contour, z = the table's height.
+        grasp_direction: (2,) unit, horizontal, from outside into the garment: the direction in
+            which the fingers approach (the inward normal of the smoothed contour).
+        pull_direction: (2,) unit, horizontal, away from the wrinkle.
+        pull_distance: how far this hand moves, metres, >= 0.
+    """
+
+    p_WG: Vector
+    grasp_direction: Vector
+    pull_direction: Vector
+    pull_distance: float
+
+    def __post_init__(self) -> None:
+        """Check and freeze the fields. Raises InputError for anything not finite or not unit."""
+        object.__setattr__(self, "p_WG", _frozen_vector(self.p_WG, 3, "p_WG"))
+        for name in ("grasp_direction", "pull_direction"):
+            object.__setattr__(self, name, _unit_vector(getattr(self, name), name))
+        if not (math.isfinite(self.pull_distance) and self.pull_distance >= 0.0):
+            raise InputError(f"pull_distance must be finite and >= 0, got {self.pull_distance!r}")
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields as plain lists and numbers."""
+        return {
+            "p_WG": self.p_WG.tolist(),
+            "grasp_direction": self.grasp_direction.tolist(),
+            "pull_direction": self.pull_direction.tolist(),
+            "pull_distance": float(self.pull_distance),
+        }
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> HandTarget:
+        """Read what `to_json` wrote. Raises InputError for missing or wrong fields."""
+        _demand_keys(data, ("p_WG", "grasp_direction", "pull_direction", "pull_distance"))
+        return cls(**data)
+
+
+@dataclass(frozen=True, eq=False)
+class FlatteningTarget:
+    """One dual-arm pull: what both hands do about one wrinkle. World frame W, metres.
+
+    Attributes:
+        hands: hands[0] on the -n side of the wrinkle, hands[1] on the +n side, where
+            n = (-dy, dx) is the normal of `wrinkle_direction` = (dx, dy).
+        p_WC: (3,) the wrinkle's centre on the cloth.
+        wrinkle_direction: (2,) unit, the wrinkle's principal direction.
+        geodesic_distance: length of the cloth's surface section between the grasp points. The
+            hands' pull distances keep the grippers within STRETCH_LIMIT times this.
+        mode: "paper" or "foot": which reading of Eq. 5 gave the pull distance.
+    """
+
+    hands: tuple[HandTarget, HandTarget]
+    p_WC: Vector
+    wrinkle_direction: Vector
+    geodesic_distance: float
+    mode: str
+
+    def __post_init__(self) -> None:
+        """Check and freeze. Raises InputError, also for a pull that would overstretch the cloth."""
+        if len(self.hands) != 2:
+            raise InputError(f"a flattening target has two hands, got {len(self.hands)}")
+        object.__setattr__(self, "hands", tuple(self.hands))
+        object.__setattr__(self, "p_WC", _frozen_vector(self.p_WC, 3, "p_WC"))
+        direction = _unit_vector(self.wrinkle_direction, "wrinkle_direction")
+        object.__setattr__(self, "wrinkle_direction", direction)
+        if self.mode not in MODES:
+            raise InputError(f"mode must be one of {MODES}, got {self.mode!r}")
+        if not (math.isfinite(self.geodesic_distance) and self.geodesic_distance > 0.0):
+            raise InputError(f"geodesic_distance must be > 0, got {self.geodesic_distance!r}")
+        limit = STRETCH_LIMIT * self.geodesic_distance
+        if self.final_grip_distance > limit + 1e-9:
+            raise InputError(
+                f"the grippers would end {self.final_grip_distance:.4f} m apart, more than the "
+                f"limit {limit:.4f} m ({STRETCH_LIMIT} x geodesic distance)"
+            )
+
+    @property
+    def final_grip_distance(self) -> float:
+        """Horizontal distance between the grippers after the pull, metres."""
+        ends = [hand.p_WG[:2] + hand.pull_distance * hand.pull_direction for hand in self.hands]
+        return float(np.hypot(*(ends[1] - ends[0])))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields as plain lists and numbers."""
+        return {
+            "hands": [hand.to_json() for hand in self.hands],
+            "p_WC": self.p_WC.tolist(),
+            "wrinkle_direction": self.wrinkle_direction.tolist(),
+            "geodesic_distance": float(self.geodesic_distance),
+            "mode": self.mode,
+        }
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> FlatteningTarget:
+        """Read what `to_json` wrote. Raises InputError for missing or wrong fields."""
+        _demand_keys(data, ("hands", "p_WC", "wrinkle_direction", "geodesic_distance", "mode"))
+        hands = tuple(HandTarget.from_json(hand) for hand in data["hands"])
+        return cls(**{**data, "hands": hands})
+
+
+@dataclass(frozen=True)
+class NoTarget:
+    """There is nothing to pull, or no way to pull it.
+
+    Attributes:
+        reason: one sentence: what, where, by how much, what to try.
+        flat: True when the garment is flat enough (every wrinkle below the halting measure), so
+            that nothing needs to be done; False when there is a wrinkle that cannot be grasped.
+    """
+
+    reason: str
+    flat: bool = False
+
+
+def _demand_keys(data: Any, keys: tuple[str, ...]) -> None:
+    if not isinstance(data, dict):
+        raise InputError(
+            f"expected a JSON object with {', '.join(keys)}, got {type(data).__name__}"
+        )
+    missing, unknown = sorted(set(keys) - set(data)), sorted(set(data) - set(keys))
+    if missing or unknown:
+        raise InputError(f"missing fields {missing}, unknown fields {unknown} in a target")

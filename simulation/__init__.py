@@ -1,0 +1,1 @@
+"""What stands in for the world: garments and wrinkle makers, cloth physics, rendered sensors."""

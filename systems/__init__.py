@@ -1,0 +1,1 @@
+"""Drake LeafSystems, thin wrappers over the functions of the other folders, and their diagrams."""

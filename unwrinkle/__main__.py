@@ -1,0 +1,5 @@
+"""``python -m unwrinkle`` is the command ``unwrinkle``."""
+
+from unwrinkle.cli import main
+
+main()

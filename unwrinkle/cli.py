@@ -1,0 +1,61 @@
+"""The command line: registers the sub-commands, sets up logging, turns errors into exit codes."""
+
+import importlib
+import logging
+import pkgutil
+import sys
+from typing import Annotated
+
+import typer
+
+from unwrinkle import __version__, commands
+from unwrinkle.models.errors import UnwrinkleError
+
+app = typer.Typer(
+    name="unwrinkle",
+    help="Flatten a garment with two arms: find its wrinkles, plan the motion, prove it safe.",
+    epilog="Exit codes: 0 done, 1 internal error, 2 bad input or usage, 3 no safe plan.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"unwrinkle {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    verbose: Annotated[
+        int, typer.Option("--verbose", "-v", count=True, help="Log what happens; twice for more.")
+    ] = 0,
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
+    ] = False,
+) -> None:
+    level = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    for name in ("unwrinkle", "drake"):
+        logging.getLogger(name).setLevel(level)
+
+
+for _module in pkgutil.iter_modules(commands.__path__):
+    if not _module.name.startswith("_"):
+        _command = importlib.import_module(f"{commands.__name__}.{_module.name}")
+        app.command()(getattr(_command, _module.name))
+
+
+def main() -> None:
+    """Run the command line; bad input and impossible plans end in one line on stderr."""
+    try:
+        app()
+    except UnwrinkleError as error:
+        print("unwrinkle: " + " ".join(str(error).split()), file=sys.stderr)
+        sys.exit(error.exit_code)

@@ -1,0 +1,1 @@
+"""The sub-commands: each public module here holds one function of the module's own name."""

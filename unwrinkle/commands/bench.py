@@ -1,0 +1,74 @@
+"""``unwrinkle bench``: run one benchmark, print its table, save what it measured."""
+
+import importlib
+import pkgutil
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, cast
+
+import typer
+
+from unwrinkle.models.errors import InputError
+
+if TYPE_CHECKING:
+    from unwrinkle.benchmarks.report import Benchmark
+
+
+def bench(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Which benchmark, e.g. plans.")],
+    quick: Annotated[bool, typer.Option("--quick", help="A smaller sample, in minutes.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Of every random choice in the run.")] = 0,
+    json: Annotated[Path | None, typer.Option(help="Write the whole report here.")] = None,
+    markdown: Annotated[Path | None, typer.Option(help="Write the table here.")] = None,
+) -> None:
+    """Run a benchmark and print its table."""
+    from rich.console import Console
+    from rich.progress import Progress, TimeElapsedColumn
+
+    from unwrinkle.benchmarks import report as reports
+    from unwrinkle.models.files import write_json, write_text
+
+    benchmark = _find(name)
+    with Progress(
+        *Progress.get_default_columns(),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    ) as bars:
+        task = bars.add_task(name, total=None)
+
+        def progress(done: int, total: int, stage: str) -> None:
+            bars.update(task, description=stage, completed=done, total=total)
+
+        start = time.perf_counter()
+        results = benchmark.run(quick=quick, seed=seed, progress=progress)
+        duration = time.perf_counter() - start
+
+    report = reports.report(name, results, quick=quick, seed=seed, duration=duration)
+    page = reports.markdown(report, benchmark.table(results))
+    sys.stdout.write(page)
+    if json is not None:
+        write_json(json, report)
+    if markdown is not None:
+        write_text(markdown, page)
+
+
+def benchmark_names() -> list[str]:
+    """Return the names `unwrinkle bench` knows: the public modules of `unwrinkle.benchmarks`."""
+    from unwrinkle import benchmarks
+
+    names = [module.name for module in pkgutil.iter_modules(benchmarks.__path__)]
+    return sorted(name for name in names if name != "report" and not name.startswith("_"))
+
+
+def _find(name: str) -> "Benchmark":
+    """Import the benchmark called `name`.
+
+    Raises:
+        InputError: if there is none of that name.
+    """
+    names = benchmark_names()
+    if name not in names:
+        raise InputError(f"no benchmark is called {name!r}; try one of: {', '.join(names)}")
+    return cast("Benchmark", importlib.import_module(f"unwrinkle.benchmarks.{name}"))
