@@ -42,7 +42,9 @@ def load_archive(path: str | Path) -> tuple[dict[str, Any], dict[str, NDArray[An
     if not path.is_file():
         raise InputError(f"{path}: no such file; check the name or the folder")
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        # NumPy leaves the file open when it cannot read it: so it is opened, and closed, here.
+        with path.open("rb") as stream:
+            stored = np.load(stream, allow_pickle=False)
             if not isinstance(stored, np.lib.npyio.NpzFile):
                 raise InputError(f"{path}: is a bare array, not an .npz archive")
             arrays = {key: stored[key] for key in stored.files}

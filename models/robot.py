@@ -85,7 +85,9 @@ class Cell:
         digest = hashlib.sha256()
         for item in dc.fields(self.limits):
             value = getattr(self.limits, item.name)
-            digest.update(value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode())
+            digest.update(
+                value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode()
+            )
         return digest.hexdigest()
 
     def with_speed(self, fraction: float) -> "Cell":

@@ -17,6 +17,7 @@ from unwrinkle.perception.surface import Surface, fit_surface, spread
 from unwrinkle.perception.target import MODES, FlatteningTarget, NoTarget
 from unwrinkle.perception.targeting import TableTop, flattening_target
 from unwrinkle.perception.wrinkle import Wrinkle, wrinkles_of
+from unwrinkle.perception.wrinkledness import Wrinkledness, wrinkledness
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +75,11 @@ class Analysis:
     def surface_height(self) -> NDArray[np.float32]:
         """Height of the fitted surface on the range map's grid, metres above the table."""
         return spread(self.surface.z, self.surface, self.range_map)
+
+    @cached_property
+    def wrinkledness(self) -> Wrinkledness:
+        """Entropy of normals, and the grasp point it proposes."""
+        return wrinkledness(self.surface, self.profile)
 
     def target_for(self, index: int) -> FlatteningTarget | NoTarget:
         """Target of the `index`-th wrinkle, largest first, whatever its size.

@@ -103,7 +103,7 @@ class TensorSpline:
             j: design_matrix(self.knots_y, y, self.degree, j) @ self.control
             for j in {j for _, j in orders}
         }
-        return [rows[j] @ along_x[i] for i, j in orders]
+        return [_single(rows[j] @ along_x[i]) for i, j in orders]
 
 
 class _Axis:
@@ -174,23 +174,25 @@ def fit_spline(
         raise InputError("spline fit: no cell to fit to; is the garment's mask empty?")
     ny, nx = height.shape
     make_knots, degree = (patch_knots, PATCH_DEGREE) if patches else (open_uniform_knots, DEGREE)
-    x, y = np.arange(nx) * resolution, np.arange(ny) * resolution
+    x = np.arange(nx, dtype=np.float64) * resolution
+    y = np.arange(ny, dtype=np.float64) * resolution
     knots_x = make_knots(max(x[-1], knot_spacing), knot_spacing)
     knots_y = make_knots(max(y[-1], knot_spacing), knot_spacing)
     axis_x = _Axis(knots_x, x, degree, smoothing)
     axis_y = _Axis(knots_y, y, degree, smoothing)
 
     def project(residual: Floats) -> Floats:
-        return axis_y.design.T @ residual @ axis_x.design
+        return _single(axis_y.design.T @ residual @ axis_x.design)
 
     def precondition(gradient: Floats) -> Floats:
         return axis_x.solve(axis_y.solve(gradient).T).T.astype(np.float32)
 
     def surface(control: Floats) -> Floats:
-        return axis_y.design @ control @ axis_x.design.T
+        return _single(axis_y.design @ control @ axis_x.design.T)
 
     def normal(control: Floats) -> Floats:
-        return axis_y.normal @ control @ axis_x.normal - project(missing * surface(control))
+        filled = project(missing * surface(control))
+        return _single(axis_y.normal @ control @ axis_x.normal) - filled
 
     control = precondition(project(_fill(height, mask)))
     missing = 1.0 - weight.astype(np.float32)
@@ -217,6 +219,11 @@ def _conjugate_gradients(
         previous, rho = rho, float(np.vdot(gradient, preconditioned))
         direction = preconditioned + np.float32(rho / previous) * direction
     return control
+
+
+def _single(values: NDArray[Any]) -> Floats:
+    """The same array for the type checker, to which a product of float32 is float64."""
+    return np.asarray(values, dtype=np.float32)
 
 
 def _fill(height: Floats, mask: NDArray[np.bool_]) -> Floats:

@@ -9,15 +9,23 @@ from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
 from unwrinkle.perception.camera import Camera
-from unwrinkle.perception.depth_file import DEFAULT_CAMERA as DEFAULT_CAMERA
-from unwrinkle.perception.depth_file import Capture as Capture
-from unwrinkle.perception.depth_file import load_capture as load_capture
-from unwrinkle.perception.depth_file import save_capture as save_capture
+from unwrinkle.perception.depth_file import DEFAULT_CAMERA, Capture, load_capture, save_capture
 from unwrinkle.perception.height_map import Grid, average
 from unwrinkle.perception.noise import NoiseProfile, noise_profile
 from unwrinkle.perception.range_map import RangeMap
-from unwrinkle.perception.segmentation import Segmentation, segment
+from unwrinkle.perception.segmentation import Segmentation, one_piece, segment
 from unwrinkle.perception.table import TableFit, fit_table
+
+__all__ = [
+    "DEFAULT_CAMERA",
+    "DEFAULT_CENTRE",
+    "DEFAULT_TABLE_HEIGHT",
+    "Capture",
+    "load_capture",
+    "range_map_from_capture",
+    "save_capture",
+    "segment_capture",
+]
 
 DEFAULT_CENTRE = (0.0, -1.10)
 DEFAULT_TABLE_HEIGHT = 0.70
@@ -26,6 +34,9 @@ _MOST_HOLES_ON_GARMENT = 0.5
 _DEEPEST = 0.02
 _MOST_LEAN = 3.0
 _COARSER = 1.25
+_TIDY = 0.006  # notches and spikes of the mask narrower than twice this go
+_OCCLUDES = 0.012  # a reading this far above a cell hides it from the camera
+_UNKNOWN_GREY = 128
 
 _log = logging.getLogger(__name__)
 
@@ -57,21 +68,8 @@ def range_map_from_capture(
         InputError: no table, no garment, too many holes, or a pose that the table contradicts.
     """
     profile = profile or noise_profile(capture.camera.sensor)
+    table, segmentation = segment_capture(capture, profile, seed=seed)
     seen = capture.depth > 0.0
-    try:
-        table = fit_table(capture.depth, capture.camera, profile, seed=seed)
-        segmentation = segment(
-            table.height,
-            seen,
-            profile,
-            colour=capture.colour,
-            registered=capture.colour_registered,
-            seed=seed,
-        )
-        near = _grown(segmentation.garment)
-        table = fit_table(capture.depth, capture.camera, profile, exclude=near, seed=seed)
-    except InputError as error:
-        raise InputError(str(error).replace("capture:", f"{capture.name}:", 1)) from None
     holes = 1.0 - float(np.mean(seen[segmentation.garment]))
     if holes > _MOST_HOLES_ON_GARMENT:
         raise InputError(
@@ -92,6 +90,34 @@ def range_map_from_capture(
     else:
         R_WC, p_WC = _laid(table, points_C, segmentation.garment & seen, centre, table_height, yaw)
     return _gridded(capture, profile, table, segmentation, points_C, R_WC, p_WC, table_height)
+
+
+def segment_capture(
+    capture: Capture, profile: NoiseProfile, *, seed: int = 0
+) -> tuple[TableFit, Segmentation]:
+    """Fit the table and find the garment in the depth image's pixels.
+
+    The plane is fitted twice: the second time without the garment, which biases it upwards.
+
+    Raises:
+        InputError: no table or no garment; the message names the capture.
+    """
+    seen = capture.depth > 0.0
+    try:
+        table = fit_table(capture.depth, capture.camera, profile, seed=seed)
+        segmentation = segment(
+            table.height,
+            seen,
+            profile,
+            colour=capture.colour,
+            registered=capture.colour_registered,
+            seed=seed,
+        )
+        near = _grown(segmentation.garment)
+        table = fit_table(capture.depth, capture.camera, profile, exclude=near, seed=seed)
+    except InputError as error:
+        raise InputError(str(error).replace("capture:", f"{capture.name}:", 1)) from None
+    return table, segmentation
 
 
 def _grown(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -178,17 +204,26 @@ def _gridded(
     except ValueError as error:
         raise InputError(f"{capture.name}: {error}; check the camera's intrinsics") from None
     xy = plan[usable]
-    height, valid = average(xy[:, 0], xy[:, 1], table.height[usable], grid)
+    values = np.column_stack([table.height[usable], segmentation.garment[usable]])
+    averages, valid = average(xy[:, 0], xy[:, 1], values, grid)
+    height = averages[..., 0]
     x, y = np.meshgrid(
         grid.x_first + resolution * np.arange(grid.nx),
         grid.y_first + resolution * np.arange(grid.ny),
     )
     cells_W = np.stack([x, y, table_height + height], axis=-1)
     pixels = camera.project((cells_W - p_WC) @ R_WC).astype(np.float32)
-    garment = _sampled(segmentation.garment.astype(np.float32), pixels, cv2.BORDER_CONSTANT) > 0.5
+    # Cells without a reading take the mask of the pixel that looks at them, unless something
+    # nearer to the camera is what that pixel sees.
+    looked_at = _sampled(segmentation.garment.astype(np.float32), pixels, cv2.BORDER_CONSTANT)
+    in_front = _sampled(table.height.astype(np.float32), pixels, cv2.BORDER_CONSTANT)
+    hidden = ~valid & (in_front > _OCCLUDES)
+    share = np.where(valid, averages[..., 1], np.where(hidden, 0.0, looked_at))
+    garment = one_piece(share > 0.5, max(2, round(_TIDY / resolution)))
     colour = None
     if segmentation.colour is not None:
         colour = _sampled(segmentation.colour, pixels, cv2.BORDER_REPLICATE)
+        colour[hidden] = _UNKNOWN_GREY
     return RangeMap(
         height=height.astype(np.float32),
         valid=valid,

@@ -177,8 +177,12 @@ def save_capture(
 
 
 def _read_png_depth(path: Path) -> NDArray[Any]:
-    image = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-    if image is None or not path.read_bytes().rstrip(b"\x00").endswith(b"IEND\xaeB`\x82"):
+    encoded = path.read_bytes()
+    image = None
+    # OpenCV fills what a truncated PNG lacks with zeros; its last chunk tells.
+    if encoded.endswith(b"IEND\xaeB`\x82"):
+        image = cv2.imdecode(np.frombuffer(encoded, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None:
         raise InputError(f"{path}: is no PNG or is truncated; copy or record it again")
     if image.dtype != np.uint16 or image.ndim != 2:
         raise InputError(

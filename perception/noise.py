@@ -27,7 +27,9 @@ class NoiseProfile:
         bias_degree: degree of the slow bias of depth that is taken out of the table, 0 for none.
         column_bias: whether the sensor has vertical bands (PrimeSense) that are taken out too.
         knot_spacing: knot spacing of the B-spline surface.
-        smoothing: length of the surface's smoothing penalty, 0 for none.
+        smoothing: length of the smoothing penalty of the surface that ridges are found on.
+        fine_smoothing: the same of the surface that they are measured on (widths, slack).
+        averaging: measured profiles are averaged along the ridge over this (a sigma), 0 for none.
         flat_curvature: curvedness below which a cell is class 0, "flat".
         ridge_curvature: least curvature across a ridge for it to be kept.
         rank_radius: radius of the majority rank filter (its window is 2 * radius wide).
@@ -50,6 +52,8 @@ class NoiseProfile:
     column_bias: bool = False
     knot_spacing: float = 0.008
     smoothing: float = 0.0
+    fine_smoothing: float = 0.0
+    averaging: float = 0.0
     flat_curvature: float = 2.0
     ridge_curvature: float = 4.0
     rank_radius: float = 0.0035

@@ -104,7 +104,8 @@ def contour_points(surface: Surface) -> Mask:
 def link(ridge: Mask, surface: Surface, profile: NoiseProfile) -> list[Line]:
     """Link ridge points into lines, one per wrinkle.
 
-    The points are thinned, cut at pixels with three branches, and traced into pieces. Two ends are
+    The points are thinned, cut at pixels with three branches, and traced into pieces; short pieces
+    in the middle of a crossing, which run along neither of its ridges, are dropped. Two ends are
     joined (Eq. 1: the nearest in the same ridge region first) if they are at most `link_gap` apart,
     both tangents (of the last 1-2 cm) and the gap run the same way within `linking_cosine`, and
     the gap lies in one ridge region.
@@ -114,6 +115,7 @@ def link(ridge: Mask, surface: Surface, profile: NoiseProfile) -> list[Line]:
     """
     shortest = PIECE_SHARE * profile.wrinkle_length / surface.resolution
     pieces = [line for line in _pieces(_thin(ridge)) if _extent(line) >= shortest]
+    pieces = _without_bridges(pieces, profile.link_gap / surface.resolution)
     lines = _chains(pieces, _joints(pieces, surface, profile))
     least = profile.wrinkle_length / surface.resolution
     return [line for line in lines if _extent(line) >= least]
@@ -178,6 +180,23 @@ def _walk(start: tuple[int, int], left: dict[tuple[int, int], None]) -> list[tup
                 break
         else:
             return path
+
+
+def _without_bridges(pieces: list[Line], gap: float) -> list[Line]:
+    """Drop pieces within a crossing: short, and two other pieces end near each of their ends."""
+    if len(pieces) < 5:
+        return pieces
+    ends = np.array([piece[side] for piece in pieces for side in (0, -1)])
+    near = cKDTree(ends).query_ball_point(ends, 0.5 * gap)
+
+    def branches(end: int) -> int:
+        return len({other // 2 for other in near[end]} - {end // 2})
+
+    return [
+        piece
+        for i, piece in enumerate(pieces)
+        if _extent(piece) > 2.0 * gap or min(branches(2 * i), branches(2 * i + 1)) < 2
+    ]
 
 
 def _outward_tangent(line: Line, length: float) -> NDArray[np.float64]:

@@ -19,6 +19,7 @@ from unwrinkle.perception.registration import align_colour
 Mask = NDArray[np.bool_]
 _WORK_WIDTH = 320
 _LEAST_AREA = 0.004
+_LEAST_SAMPLES = 20
 _LARGEST_AREA = 0.92
 _LEAST_CORE_KEPT = 0.85
 _ODDS = (1.0, 2.0, 4.0)  # the surroundings may hold much of the garment
@@ -73,9 +74,11 @@ def segment(
         )
     alignment = None
     image = None
+    pictured = np.ones(seen.shape, dtype=bool)  # where the colour image has pixels
     method = "colour"
     if colour is not None and registered:
         image = colour
+        depth_mask = _grab_cut_first(colour, core, depth_mask, seed) | core
     elif colour is not None:
         first = _grab_cut_first(colour, core, depth_mask, seed)
         alignment = align_colour(first, smooth, seen, span=0.8 * profile.garment_height)
@@ -88,11 +91,14 @@ def segment(
                 dtype=np.uint8,
             )
             warped = cv2.warpAffine(first.astype(np.uint8), alignment, size) > 0
-            depth_mask = warped | core
+            pictured = cv2.warpAffine(np.ones(first.shape, np.uint8), alignment, size) > 0
+            # Where there is no colour only what stands out clearly counts.
+            clear = core & (smooth > 2.0 * profile.garment_height)
+            depth_mask = np.where(pictured, warped | core, clear)
             method = "aligned colour"
     garment = depth_mask
     if image is not None:
-        cut = _grab_cut(image, core, depth_mask, seed)
+        cut = _grab_cut(image, core, depth_mask, pictured, seed)
         if np.count_nonzero(cut & core) >= _LEAST_CORE_KEPT * np.count_nonzero(core):
             garment = cut
         else:
@@ -100,7 +106,7 @@ def segment(
             garment = _by_depth(smooth, seen, profile)[0]
     else:
         method = "depth"
-    garment = _one_piece(garment)
+    garment = one_piece(garment)
     share = np.count_nonzero(garment) / garment.size
     if share > _LARGEST_AREA:
         raise InputError(
@@ -132,7 +138,7 @@ def _least_area(size: int) -> int:
 def _by_depth(smooth: NDArray[np.float32], seen: Mask, profile: NoiseProfile) -> tuple[Mask, Mask]:
     """Hysteresis on height: the weak mask grown from the strong one, and the strong core."""
     strong = (smooth > profile.garment_height) & seen
-    weak = (smooth > 0.65 * profile.garment_height).astype(np.uint8)
+    weak = (smooth > 0.5 * profile.garment_height).astype(np.uint8)
     weak = np.asarray(cv2.morphologyEx(weak, cv2.MORPH_OPEN, _disc(3)), dtype=np.uint8)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(weak)
     strength = np.bincount(labels[strong], minlength=len(stats))
@@ -164,6 +170,9 @@ def _small(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _run_grab_cut(image: NDArray[np.uint8], labels: NDArray[np.uint8], seed: int) -> Mask:
+    start: Mask = (labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)
+    if min(np.count_nonzero(start), np.count_nonzero(~start)) < _LEAST_SAMPLES:
+        return start  # one of the mixture models would have nothing to learn from
     cv2.setRNGSeed(seed)
     lab = cv2.cvtColor(image, cv2.COLOR_RGB2LAB)
     background, foreground = np.zeros((1, 65)), np.zeros((1, 65))
@@ -191,7 +200,7 @@ def _grab_cut_first(colour: NDArray[np.uint8], core: Mask, mask: Mask, seed: int
     for start in [_resize(mask, size), *(odds * ratio > 1.0 for odds in _ODDS)]:
         labels = np.where(start, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
         labels[sure] = cv2.GC_FGD
-        cut = _one_piece(_run_grab_cut(small, labels, seed))
+        cut = one_piece(_run_grab_cut(small, labels, seed))
         score = _edge_strength(lab, cut)
         if score > best_score:
             best, best_score = cut, score
@@ -223,7 +232,7 @@ def _density(lab: NDArray[Any], where: NDArray[np.bool_]) -> NDArray[np.float32]
     return density
 
 
-def _grab_cut(image: NDArray[np.uint8], core: Mask, mask: Mask, seed: int) -> Mask:
+def _grab_cut(image: NDArray[np.uint8], core: Mask, mask: Mask, pictured: Mask, seed: int) -> Mask:
     """Segment a registered colour image: far from the prior is table, high inside is garment."""
     small = _small(image)
     size = (small.shape[1], small.shape[0])
@@ -232,18 +241,22 @@ def _grab_cut(image: NDArray[np.uint8], core: Mask, mask: Mask, seed: int) -> Ma
     labels[cv2.dilate(prior.astype(np.uint8), _disc(12)) > 0] = cv2.GC_PR_BGD
     labels[prior] = cv2.GC_PR_FGD
     labels[cv2.erode(_resize(core, size).astype(np.uint8), _disc(4)) > 0] = cv2.GC_FGD
+    known = _resize(pictured, size)
+    labels[~known] = np.where(prior[~known], cv2.GC_FGD, cv2.GC_BGD)
     cut = _run_grab_cut(small, labels, seed).astype(np.float32)
     full = cv2.resize(cut, (image.shape[1], image.shape[0]), interpolation=cv2.INTER_LINEAR)
     return np.asarray(full) > 0.5
 
 
-def _one_piece(mask: Mask) -> Mask:
-    """Return the largest piece, its small gaps closed and its holes filled."""
-    radius = max(2, round(mask.shape[1] / 320))
-    padded = np.pad(mask.astype(np.uint8), 4 * radius, mode="edge")
+def one_piece(mask: Mask, radius: int | None = None) -> Mask:
+    """Return the largest piece, gaps and necks under 2 * radius closed and cut, holes filled."""
+    if radius is None:
+        radius = max(2, round(mask.shape[1] / 320))
+    margin = 3 * radius + 2
+    padded = np.pad(mask.astype(np.uint8), margin, mode="edge")
     closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, _disc(radius))
     closed = cv2.morphologyEx(closed, cv2.MORPH_OPEN, _disc(radius))
-    closed = closed[4 * radius : -4 * radius, 4 * radius : -4 * radius]
+    closed = closed[margin:-margin, margin:-margin]
     count, labels, stats, _ = cv2.connectedComponentsWithStats(closed)
     if count < 2:
         return np.zeros_like(mask)

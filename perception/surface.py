@@ -8,6 +8,7 @@ published S = (2/pi) atan((k2+k1)/(k2-k1)) is 0/0 at umbilics and turns with the
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -21,6 +22,8 @@ from unwrinkle.perception.range_map import RangeMap
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Labels = NDArray[np.uint8]
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
 
 FLAT, CUP, TROUGH, RUT, SADDLE_RUT, SADDLE, SADDLE_RIDGE, RIDGE, DOME, CAP = range(10)
 
@@ -65,6 +68,8 @@ class Surface:
         resolution: metres between samples.
         origin: (2,) world x, y of sample [0, 0].
         spline: the spline itself; its coordinates start at `origin`.
+        fine: z, zxx, zxy, zyy of the less smoothed surface that wrinkles are measured on (the same
+            arrays where the profile has one smoothing only).
     """
 
     z: Floats
@@ -82,6 +87,7 @@ class Surface:
     resolution: float
     origin: NDArray[np.float64]
     spline: TensorSpline
+    fine: tuple[Floats, Floats, Floats, Floats]
 
     def world(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """World x, y of (column, row) points (..., 2) on the surface's grid."""
@@ -179,20 +185,19 @@ def fit_surface(range_map: RangeMap, profile: NoiseProfile, *, patches: bool = F
             f"surface: no measured cell of the garment lies {RIM_SPANS * profile.knot_spacing:.4f} "
             "m inside its rim; is the mask right, and the profile the sensor's?"
         )
-    spline = fit_spline(
-        height,
-        weight,
-        resolution,
-        profile.knot_spacing,
-        smoothing=profile.smoothing,
-        patches=patches,
-    )
     ny, nx = height.shape
-    z, zx, zy, zxx, zxy, zyy = spline.sample(
-        np.arange(nx) * resolution,
-        np.arange(ny) * resolution,
-        [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)],
-    )
+    x = np.arange(nx, dtype=np.float64) * resolution
+    y = np.arange(ny, dtype=np.float64) * resolution
+
+    def fit(smoothing: float) -> TensorSpline:
+        knots = profile.knot_spacing
+        return fit_spline(height, weight, resolution, knots, smoothing=smoothing, patches=patches)
+
+    spline = fit(profile.smoothing)
+    z, zx, zy, zxx, zxy, zyy = spline.sample(x, y, [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)])
+    fine = [z, zxx, zxy, zyy]
+    if profile.fine_smoothing != profile.smoothing:
+        fine = fit(profile.fine_smoothing).sample(x, y, [(0, 0), (2, 0), (1, 1), (0, 2)])
     inside = garment & _near_data(weight, 0.5 * profile.knot_spacing / resolution)
     k_max, k_min = principal_curvatures(zx, zy, zxx, zxy, zyy)
     index = shape_index(k_max, k_min)
@@ -217,12 +222,11 @@ def fit_surface(range_map: RangeMap, profile: NoiseProfile, *, patches: bool = F
         resolution=resolution,
         origin=range_map.origin + first * range_map.resolution,
         spline=spline,
+        fine=(fine[0], fine[1], fine[2], fine[3]),
     )
 
 
-def spread(
-    values: NDArray[np.generic], surface: Surface, range_map: RangeMap
-) -> NDArray[np.generic]:
+def spread(values: NDArray[_Scalar], surface: Surface, range_map: RangeMap) -> NDArray[_Scalar]:
     """Put a map of the surface's grid on the range map's grid (nearest sample, 0 elsewhere)."""
     stride = round(surface.resolution / range_map.resolution)
     first = (surface.origin - range_map.origin) / range_map.resolution - 0.5 * (stride - 1)

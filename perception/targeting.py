@@ -151,7 +151,8 @@ def flattening_target(
     """Return what both hands do about `wrinkle`, or why nothing can be done.
 
     Tried first is the section through the wrinkle's centre, then sections shifted along it by up to
-    40 % of its length to each side. Each hand pulls the wrinkle's Eq. 5 distance of `mode`, less
+    40 % of its length to each side; then once more, with less demand on the angle between section
+    and contour. Each hand pulls the wrinkle's Eq. 5 distance of `mode`, less
     where the grippers would otherwise end more than STRETCH_LIMIT x geodesic distance apart.
 
     Args:
@@ -169,15 +170,18 @@ def flattening_target(
         return NoTarget(f"the wrinkle's centre ({x:.3f}, {y:.3f}) lies outside the garment's mask")
     first: NoTarget | None = None
     run = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(wrinkle.curve[:, :2], axis=0).T))])
-    for shift in SECTION_SHIFTS:
-        where = (0.5 + shift) * run[-1]
-        start = np.array([np.interp(where, run, wrinkle.curve[:, i]) for i in range(3)])
-        if shift == 0.0:
-            start[:2] = wrinkle.centre
-        target = _section_target(range_map, surface, wrinkle, contour, start, mode, table)
-        if isinstance(target, FlatteningTarget):
-            return target
-        first = first or target
+    for least in (GOOD_CROSSING_ANGLE, LEAST_CROSSING_ANGLE):
+        for shift in SECTION_SHIFTS:
+            where = (0.5 + shift) * run[-1]
+            start = np.array([np.interp(where, run, wrinkle.curve[:, i]) for i in range(3)])
+            if shift == 0.0:
+                start[:2] = wrinkle.centre
+            target = _section_target(
+                range_map, surface, wrinkle, contour, start, mode, table, least
+            )
+            if isinstance(target, FlatteningTarget):
+                return target
+            first = first or target
     assert first is not None
     return first
 
@@ -190,6 +194,7 @@ def _section_target(
     start: Vectors,
     mode: str,
     table: TableTop,
+    least_angle: float,
 ) -> FlatteningTarget | NoTarget:
     ends: list[tuple[Vectors, Vectors, Vectors]] = []
     for sign in (-1.0, 1.0):
@@ -200,7 +205,7 @@ def _section_target(
         distance, inward = crossing
         edge = start[:2] + distance * outward
         grasp = start[:2] + max(distance - GRASP_INSET, 0.0) * outward
-        problem = _problem(range_map, contour, wrinkle, edge, grasp, inward, outward, table)
+        problem = _problem(range_map, contour, edge, grasp, inward, outward, table, least_angle)
         if problem is not None:
             return NoTarget(problem)
         ends.append((grasp, inward, outward))
@@ -243,12 +248,12 @@ def section_length(surface: Surface, start: Vectors, end: Vectors) -> float:
 def _problem(
     range_map: RangeMap,
     contour: GarmentContour,
-    wrinkle: Wrinkle,
     edge: Vectors,
     grasp: Vectors,
     inward: Vectors,
     outward: Vectors,
     table: TableTop,
+    least_angle: float,
 ) -> str | None:
     """Why this grasp point will not do; None if it will."""
     place = f"at ({edge[0]:.3f}, {edge[1]:.3f})"
@@ -265,10 +270,10 @@ def _problem(
             f"{OUTSIDE_PROBE} m outside it was measured; move the camera or the garment"
         )
     angle = math.asin(min(max(float(-inward @ outward), -1.0), 1.0))
-    if angle < LEAST_CROSSING_ANGLE:
+    if angle < least_angle:
         return (
             f"the pull would run along the garment's edge {place}: {math.degrees(angle):.0f} deg "
-            f"to it, at least {math.degrees(LEAST_CROSSING_ANGLE):.0f} deg are needed"
+            f"to it, at least {math.degrees(least_angle):.0f} deg are needed"
         )
     if contour.contains(grasp) and np.hypot(*(edge - grasp)) > 0.5 * GRASP_INSET:
         return None

@@ -16,8 +16,9 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
+from unwrinkle.perception.flank import Flank
 from unwrinkle.perception.noise import NoiseProfile
-from unwrinkle.perception.ridges import Line, sample
+from unwrinkle.perception.ridges import Line
 from unwrinkle.perception.surface import Surface
 from unwrinkle.perception.target import MODES
 
@@ -26,14 +27,10 @@ Vectors = NDArray[np.float64]
 #: Eq. 5's coefficient.
 PULL_COEFFICIENT = 1.10
 
-#: The foot of a wrinkle: where its flank descends less steeply than this (rise over run).
-FOOT_SLOPE = 0.05
-
-#: The foot is sought as far as this many times the inflection line's distance (a Gaussian: 4 sigma).
-FOOT_REACH = 4.0
-
-#: A crest falls off to both sides, the edge of a cloth layer to one: least ratio of the two falls.
-LEAST_FALL_RATIO = 0.25
+#: A crest falls off to both sides, the edge of a cloth layer to one (the smoothed step overshoots,
+#: hence to a quarter on the other): least ratio of the two falls, in the median triplet. On real
+#: captures layers' edges lie below 0.35 and folds above 0.5.
+LEAST_FALL_RATIO = 0.4
 
 #: Of the samples along a ridge, at least this share must have contours on both sides.
 LEAST_YIELD = 0.5
@@ -157,16 +154,48 @@ def wrinkles_of(line: Line, surface: Surface, profile: NoiseProfile, table: floa
     """
     wrinkles = []
     for curve, across in _curves(line, surface, profile):
-        flanks = (
-            _Flank(curve, -across, surface, profile),
-            _Flank(curve, across, surface, profile),
-        )
+        flanks = _both_sides(curve, across, surface, profile, fine=True)
         found = flanks[0].found & flanks[1].found
+        crest = found
+        if surface.fine[0] is not surface.z:
+            coarse = _both_sides(curve, across, surface, profile, fine=False)
+            crest = coarse[0].found & coarse[1].found
+            falls = _falls(coarse)
+        else:
+            falls = _falls(flanks)
         for run in _runs(found, round(profile.link_gap / profile.triplet_spacing)):
+            if not _is_crest(falls[:, run], crest[run]):
+                continue
             wrinkle = _measure(curve, flanks, found, run, surface, profile, table)
             if wrinkle is not None:
                 wrinkles.append(wrinkle)
     return wrinkles
+
+
+def _both_sides(
+    curve: Line, across: Line, surface: Surface, profile: NoiseProfile, *, fine: bool
+) -> tuple[Flank, Flank]:
+    return (
+        Flank(curve, -across, surface, profile, fine=fine),
+        Flank(curve, across, surface, profile, fine=fine),
+    )
+
+
+def _falls(flanks: tuple[Flank, Flank]) -> Vectors:
+    """Heights (2, samples) of the ridge over its feet, metres."""
+    return np.stack([flank.z[:, 0] - flank.at(flank.foot)[1] for flank in flanks])
+
+
+def _is_crest(falls: Vectors, found: NDArray[np.bool_]) -> bool:
+    """Whether the ridge falls off to both sides; judged on the smoother surface, which rings less.
+
+    Next to a sharp step the finer surface overshoots enough to look like a ridge.
+    """
+    if np.count_nonzero(found) < LEAST_YIELD * len(found):
+        return False
+    falls = falls[:, found]
+    ratios = falls.min(axis=0) / np.maximum(falls.max(axis=0), 1e-9)
+    return float(np.median(ratios)) >= LEAST_FALL_RATIO
 
 
 def _runs(found: NDArray[np.bool_], gap: int) -> list[slice]:
@@ -217,61 +246,9 @@ def _curves(line: Line, surface: Surface, profile: NoiseProfile) -> list[tuple[L
     return [(points, normals)]
 
 
-class _Flank:
-    """Profiles of the surface from the ridge to one side; arrays (samples, steps)."""
-
-    def __init__(self, curve: Line, across: Line, surface: Surface, profile: NoiseProfile) -> None:
-        reach = profile.contour_reach / surface.resolution
-        steps = np.arange(0.0, 2.0 * reach, 0.5)
-        self.points = curve[:, None, :] + across[:, None, :] * steps[:, None]
-        self.distance = steps * surface.resolution
-        self.z = sample(surface.z, self.points)
-        nx, ny = across[:, :1], across[:, 1:]
-        bend = sample(surface.zxx, self.points) * (nx * nx)
-        bend += sample(surface.zxy, self.points) * (2.0 * nx * ny)
-        bend += sample(surface.zyy, self.points) * (ny * ny)
-        step = np.diff(self.z, axis=1)
-        run = np.diff(self.distance)
-        self._arc = np.concatenate(
-            [np.zeros((len(curve), 1)), np.cumsum(np.hypot(step, run), axis=1)], axis=1
-        )
-        outside = sample(surface.inside.astype(np.float32), self.points) < 0.5
-        beyond = np.logical_or.accumulate(outside, axis=1)
-        # Contour: the sign change of the cross-curvature, to a fraction of a step.
-        concave = (bend >= 0.0) & (self.distance <= profile.contour_reach)
-        k = np.argmax(concave, axis=1)
-        rows = np.arange(len(curve))
-        self.found = concave.any(axis=1) & (k > 0) & ~beyond[rows, k]
-        before, after = bend[rows, np.maximum(k - 1, 0)], bend[rows, k]
-        fraction = np.clip(before / np.where(self.found, before - after, 1.0), 0.0, 1.0)
-        self.contour = np.where(self.found, np.maximum(k - 1, 0) + fraction, 0.0)
-        # Foot: on from there to where the flank has run out, or far enough; if the cloth ends
-        # first, this is its rim and no wrinkle.
-        gentle = step / run > -FOOT_SLOPE
-        index = np.arange(gentle.shape[1])
-        past = index >= np.ceil(self.contour)[:, None]
-        far = index >= FOOT_REACH * np.maximum(self.contour, 1.0)[:, None]
-        stop = (past & gentle) | far
-        stop[:, -1] = True
-        foot = np.argmax(stop, axis=1)
-        self.found &= ~beyond[rows, foot]
-        self.foot = np.maximum(foot.astype(float), self.contour)
-
-    def at(self, where: NDArray[np.float64]) -> tuple[Line, Vectors, Vectors]:
-        """Points (n, 2) in cells, heights and arc lengths from the ridge at fractional steps."""
-        low = np.clip(where.astype(int), 0, self.z.shape[1] - 2)
-        part, rows = where - low, np.arange(len(where))
-
-        def mix(values: NDArray[Any]) -> NDArray[Any]:
-            weight = part if values.ndim == 2 else part[:, None]
-            return values[rows, low] * (1.0 - weight) + values[rows, low + 1] * weight
-
-        return mix(self.points), mix(self.z), mix(self._arc)
-
-
 def _measure(
     curve: Line,
-    flanks: tuple[_Flank, _Flank],
+    flanks: tuple[Flank, Flank],
     found: NDArray[np.bool_],
     run: slice,
     surface: Surface,
@@ -298,9 +275,6 @@ def _measure(
         feet.append(world(points, height)[ok])
         arcs_foot.append(arc[ok])
     peaks, ridge = crests[ok], crests[run]
-    falls = np.stack([peaks[:, 2] - foot[:, 2] for foot in feet])
-    if np.median(falls.min(axis=0)) < LEAST_FALL_RATIO * np.median(falls.max(axis=0)):
-        return None
     pieces = np.linalg.norm(np.diff(ridge, axis=0), axis=1)
     length = float(pieces.sum())
     peak_height = float(np.median(_height_over(peaks, feet[0], feet[1])))

@@ -1,5 +1,7 @@
 """Collision checking of the cell, with one clearance per pair of bodies and a step that nothing can slip through."""
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common import Parallelism
@@ -88,9 +90,7 @@ class CollisionModel:
         order = np.argsort(_bit_reversed(len(path)))
         if not all(self.free(path[i]) for i in order):
             return False
-        return all(
-            self.edge_free(a, b, ends=False) for a, b in zip(path[:-1], path[1:], strict=True)
-        )
+        return all(self.edge_free(a, b, ends=False) for a, b in pairwise(path))
 
     def edge_free(self, a: Array, b: Array, *, ends: bool = True) -> bool:
         """Whether the straight joint line from a to b is free.
@@ -143,7 +143,9 @@ def axis_reach(cell: Cell) -> Array:
         radii = [0.0]
         for geometry in inspector.GetGeometries(frame, Role.kProximity):
             centre = inspector.GetPoseInFrame(geometry).translation()
-            radii.append(np.linalg.norm(centre) + _shape_radius(inspector.GetShape(geometry)))
+            radii.append(
+                float(np.linalg.norm(centre)) + _shape_radius(inspector.GetShape(geometry))
+            )
         return float(max(radii))
 
     rows = cell.robot.denavit_hartenberg

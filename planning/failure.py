@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from unwrinkle.perception.target import FlatteningTarget
-from unwrinkle.planning.search import SearchLog
+from unwrinkle.planning.hand_paths import SearchLog
 
 
 @dataclass(frozen=True)
@@ -14,7 +14,7 @@ class PlanFailure:
     """The cause of a failure.
 
     Attributes:
-        cause: far-reach, near-limit, arm-arm, collision, transit, or time.
+        cause: far-reach, near-limit, arm-arm, collision, transit, start, or time.
         message: one sentence with the figures and what would mend it.
         missing: metres beyond the reach, where the cause is far-reach.
     """
@@ -36,7 +36,7 @@ def explain(kind: str, log: SearchLog, target: FlatteningTarget) -> PlanFailure:
     if log.out_of_time:
         return PlanFailure("time", head + "the search's time budget ran out; raise it")
     hand = log.missing_hand
-    if hand is not None and log.pairs == 0 and math.isfinite(log.missing):
+    if hand is not None and math.isfinite(log.missing):
         x, y = target.hands[hand.side].p_WG[:2]
         arm = ("right", "left")[hand.arm]
         return PlanFailure(
@@ -56,7 +56,7 @@ def explain(kind: str, log: SearchLog, target: FlatteningTarget) -> PlanFailure:
             "move the garment nearer to (0, -1.10) or clear the surroundings",
         )
     if log.limit_axes:
-        axes = ", ".join(sorted(log.limit_axes, key=lambda a: -log.limit_axes[a]))  # type: ignore[index]
+        axes = ", ".join(sorted(log.limit_axes, key=lambda a: -log.limit_axes[a]))
         return PlanFailure(
             "near-limit",
             f"{head}a pose within reach breaks the position limit of axis {axes}; "

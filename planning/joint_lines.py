@@ -48,7 +48,7 @@ def time_line(
         raise NoSafePlanError(f"no jerk-limited motion along a joint line: ruckig says {result}")
     count = max(1, int(np.ceil(motion.duration / period - 1e-9)))
     stretch = count * period / motion.duration
-    t = np.arange(count + 1) * period
+    t = period * np.arange(count + 1, dtype=float)
     states = [motion.at_time(float(min(x / stretch, motion.duration))) for x in t]
     q = np.array([state[0] for state in states])
     v = np.array([state[1] for state in states]) / stretch

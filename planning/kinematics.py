@@ -8,6 +8,7 @@ Notation: W world, B an arm's base (link_1), F its flange (tip_link), E the tool
 """
 
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,8 @@ from unwrinkle.models.robot import Cell
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_SHOULDER = np.array([1.0, 1.0, -1.0, -1.0])  # arm facing the wrist centre, or reaching over backwards
+# The arm faces the wrist centre, or reaches over backwards.
+_SHOULDER = np.array([1.0, 1.0, -1.0, -1.0])
 _ELBOW = np.array([1.0, -1.0, 1.0, -1.0])
 
 
@@ -34,6 +36,27 @@ class InverseSolution:
     q: Array
     found: Mask
     within: Mask
+
+
+class InverseKinematics(Protocol):
+    """What the search needs of a kinematics: reach, and branches for batches of poses."""
+
+    lower: Array
+    upper: Array
+
+    def missing_reach(self, arm: int, turntable: Array | float, X_WT: Array) -> Array:
+        """See `Kinematics.missing_reach`."""
+
+    def inverse(
+        self,
+        arm: int,
+        turntable: Array | float,
+        X_WT: Array,
+        *,
+        iterations: int = 6,
+        tolerance: float = 1e-9,
+    ) -> InverseSolution:
+        """See `Kinematics.inverse`."""
 
 
 class Kinematics:
@@ -158,12 +181,11 @@ class Kinematics:
             configurations about 95 % are recovered; roots that do not continue the spherical wrist's are missed.
         """
         X_BF = _inverse(self.base(arm, turntable)) @ X_WT @ self._X_TF
-        count = len(X_BF)
         R = X_BF[:, :3, :3]
         ex, ey = R[:, None, :, 0], R[:, None, :, 1]
         p5 = (X_BF[:, :3, 3] - self._d[5] * R[:, :, 2])[:, None]
 
-        def residual(theta6: Array) -> tuple[Array, tuple[Array, ...]]:
+        def residual(theta6: Array) -> tuple[Array, tuple[Any, ...]]:
             c, s = np.cos(theta6)[..., None], np.sin(theta6)[..., None]
             x5, y5 = c * ex - s * ey, s * ex + c * ey
             t1, t2, t3, reach = self._first_three(p5 - self._a[4] * x5)
@@ -213,8 +235,6 @@ class Kinematics:
         bend = elbow * np.arccos(np.clip(cosine, -1.0, 1.0))
         t2 = np.arctan2(v, u) - np.arctan2(fore * np.sin(bend), upper + fore * np.cos(bend))
         return t1, t2, -bend - self._forearm_angle, np.abs(cosine) <= 1.0
-
-
 
 
 def _z3(t1: Array, t2: Array, t3: Array) -> Array:

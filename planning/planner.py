@@ -7,10 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.planning.collision import CollisionModel
 from unwrinkle.planning.failure import PlanFailure, explain
+from unwrinkle.planning.hand_paths import HandCandidate
 from unwrinkle.planning.joint_lines import time_line
 from unwrinkle.planning.kinematics import Kinematics
 from unwrinkle.planning.plan import (
@@ -22,7 +24,7 @@ from unwrinkle.planning.plan import (
     Segment,
 )
 from unwrinkle.planning.poses import PIECES, POSES
-from unwrinkle.planning.search import HandCandidate, Motion, MotionSearch
+from unwrinkle.planning.search import Motion, MotionSearch
 from unwrinkle.planning.settings import PlannerSettings
 from unwrinkle.planning.time_law import JointPath, PathLimits, TimedPath, time_paths
 from unwrinkle.planning.trajectory import Trajectory
@@ -33,6 +35,7 @@ Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 #: Wait after the grippers' stroke: their controller reports "closed" early by about this, s.
 _SETTLE = 0.25
+_ARMS = {"any": ("dual", "single"), "dual": ("dual",), "single": ("single",)}
 
 
 @dataclass
@@ -59,13 +62,15 @@ class PlanResult:
         plan: the plan, or None.
         failure: why there is no plan, or why it is a single-arm one; None for a dual-arm plan.
         timings: of the stages.
-        paths: the Cartesian pieces' joint paths, for analysis of the timing.
+        pieces: the three timed pieces between the gripper events and the plan and leave poses.
+        transits: from the start, and to home.
     """
 
     plan: FlatteningPlan | None
     failure: PlanFailure | None
     timings: Timings
-    paths: tuple[TimedPath, ...] = ()
+    pieces: tuple[TimedPath, ...] = ()
+    transits: tuple[Transit, ...] = ()
 
 
 class FlatteningPlanner:
@@ -78,9 +83,10 @@ class FlatteningPlanner:
         self._kinematics = Kinematics(cell)
         contact = CollisionModel(cell, contact=True)
         self._search = MotionSearch(cell, self._settings, self._kinematics, contact)
+        self._free = CollisionModel(cell, contact=False)
         self._transits = TransitPlanner(
             cell.limits,
-            CollisionModel(cell, contact=False),
+            self._free,
             self._settings.transit_budget,
             self._settings.seed,
         )
@@ -104,11 +110,21 @@ class FlatteningPlanner:
 
         Returns:
             A plan, or the reason why there is none; never an exception for a target out of reach.
+
+        Raises:
+            InputError: the start is no configuration, or `arms` is none of the three.
         """
         timings = Timings()
         start = self._home if start is None else np.asarray(start, dtype=float)
+        if start.shape != self._home.shape or not np.all(np.isfinite(start)):
+            raise InputError(f"start must be {len(self._home)} finite angles, got {start!r}")
+        if arms not in _ARMS:
+            raise InputError(f"arms must be one of {', '.join(_ARMS)}, got {arms!r}")
+        blocked = self._blocked(start)
+        if blocked is not None:
+            return PlanResult(None, blocked, timings)
         failure = None
-        for kind in {"any": ("dual", "single")}.get(arms, (arms,)):
+        for kind in _ARMS[arms]:
             clock = time.perf_counter()
             search = self._search.dual if kind == "dual" else self._search.single
             motion, log = search(target)
@@ -133,8 +149,27 @@ class FlatteningPlanner:
                 timings.transit,
                 timings.timing,
             )
-            return PlanResult(plan, failure, timings, tuple(timed))
+            return PlanResult(plan, failure, timings, tuple(timed), ways)
         return PlanResult(None, failure, timings)
+
+    def _blocked(self, start: Array) -> PlanFailure | None:
+        """Why the motion cannot start where it should; None if it can."""
+        limits = self._cell.limits
+        outside = np.flatnonzero((start < limits.lower) | (start > limits.upper))
+        if len(outside):
+            axis = self._cell.robot.axes[outside[0]]
+            return PlanFailure(
+                "start",
+                f"the start has {axis} at {start[outside[0]]:.3f} rad, outside its limits; "
+                "jog the robot back first",
+            )
+        if not self._free.free(start):
+            pair = self._free.colliding_pair(start) or ("two bodies", "each other")
+            return PlanFailure(
+                "start",
+                f"at the start {pair[0]} is too close to {pair[1]}; jog the robot away first",
+            )
+        return None
 
     def _ways(self, start: Array, motion: Motion) -> tuple[Transit, Transit] | None:
         there = self._transits.plan(start, motion.paths[0][0])
@@ -208,7 +243,11 @@ class FlatteningPlanner:
         gripper = self._cell.limits.gripper
         dwell = gripper.stroke / gripper.velocity + _SETTLE
         closed = (motion.hands[0] is not None, motion.hands[1] is not None)
-        joined = [_concatenate([lines[0], pieces[0]]), pieces[1], _concatenate([pieces[2], lines[1]])]
+        joined = [
+            _concatenate([lines[0], pieces[0]]),
+            pieces[1],
+            _concatenate([pieces[2], lines[1]]),
+        ]
         segments: list[Segment] = []
         events: list[GripperEvent] = []
         clock = 0.0

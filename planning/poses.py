@@ -4,6 +4,7 @@ Plan, touch-table, grasp, pull, put-on-table, free-garment, leave-table (Sun et 
 and opens at the fifth, which cuts the motion into three pieces: approach, pull, release.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,8 +90,8 @@ def tool_poses(positions: Array, rotation: Array) -> Array:
     return X
 
 
-def piece_counts(positions: tuple[Array, Array], step: float) -> list[int]:
-    """Numbers of intervals for the three pieces, so that neither hand moves by more than about a step, m, in one."""
+def piece_counts(positions: Sequence[Array], step: float) -> list[int]:
+    """Numbers of intervals for the three pieces, so that no hand moves by more than about a step, m, in one."""
     counts = []
     for _, first, last in PIECES:
         longest = 0.0

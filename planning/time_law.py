@@ -169,7 +169,7 @@ class TimedPath:
         """
         count = max(1, int(np.ceil(self.duration / period - 1e-9)))
         stretch = count * period / self.duration
-        t = np.arange(count + 1) * period
+        t = period * np.arange(count + 1, dtype=float)
         tau = self._tau_of_time(t / stretch)
         s = 10 * tau**3 - 15 * tau**4 + 6 * tau**5
         x = 256.0 * (tau * (1.0 - tau)) ** 4 * BSpline(_KNOTS, self._coefficients, 3)(tau)

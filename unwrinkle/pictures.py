@@ -18,7 +18,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from mpl_toolkits.axes_grid1 import make_axes_locatable
 
 from unwrinkle.models.files import atomic_path
 from unwrinkle.perception.analysis import Analysis
@@ -163,8 +162,7 @@ def _colour(axes: Axes, range_map: RangeMap) -> None:
 
 
 def _bar(axes: Axes, figure: Figure, image: Any, label: str) -> None:
-    aside = make_axes_locatable(axes).append_axes("right", size="3%", pad=0.05)
-    figure.colorbar(image, cax=aside, label=label).ax.tick_params(labelsize=8)
+    figure.colorbar(image, ax=axes, shrink=0.75, pad=0.02, label=label).ax.tick_params(labelsize=8)
 
 
 def _height(axes: Axes, figure: Figure, range_map: RangeMap) -> None:
@@ -191,9 +189,7 @@ def _classes(axes: Axes, analysis: Analysis) -> None:
         Patch(facecolor=colour, edgecolor="0.3", label=name)
         for name, colour in zip(CLASS_NAMES, CLASS_COLOURS, strict=True)
     ]
-    axes.legend(
-        handles=patches, fontsize=7, loc="upper center", ncol=5, bbox_to_anchor=(0.5, -0.12)
-    )
+    axes.legend(handles=patches, fontsize=7, loc="center left", bbox_to_anchor=(1.01, 0.5))
     _frame(axes, range_map)
 
 
@@ -293,7 +289,7 @@ def _target(axes: Axes, analysis: Analysis) -> None:
         Patch(facecolor=colour, label=f"hand {i}: {1e3 * hand.pull_distance:.1f} mm")
         for i, (hand, colour) in enumerate(zip(target.hands, _HANDS, strict=True))
     ]
-    axes.legend(handles=handles, fontsize=8, loc="upper right", title="pull (solid)")
+    axes.legend(handles=handles, fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5))
     margin = 1.3 * reach
     points = np.array([hand.p_WG[:2] for hand in target.hands])
     _frame(axes, range_map)

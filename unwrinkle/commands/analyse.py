@@ -89,20 +89,23 @@ def print_analysis(console: "Console", analysis: "Analysis") -> None:
 
     from unwrinkle.perception.target import FlatteningTarget
 
-    table = Table(title=f"{len(analysis.wrinkles)} wrinkles, largest first")
-    for name in ("", "length", "width", "chord height", "peak height", "pull", "angle", "score"):
+    table = Table(title=f"{len(analysis.wrinkles)} wrinkles, largest first (mm, deg)")
+    for name in ("", "length", "width", "chord", "peak", "pull", "angle", "score"):
         table.add_column(name, justify="right")
     for index, wrinkle in enumerate(analysis.wrinkles[:_LISTED]):
-        marked = " *" if index == analysis.target_index else ""
+        marked = "*" if index == analysis.target_index else " "
         angle = degrees(atan2(wrinkle.direction[1], wrinkle.direction[0]))
+        lengths = (
+            wrinkle.length,
+            wrinkle.width,
+            wrinkle.chord_height,
+            wrinkle.peak_height,
+            wrinkle.pull_distance(analysis.mode),
+        )
         table.add_row(
             f"{index + 1}{marked}",
-            f"{1e3 * wrinkle.length:.0f} mm",
-            f"{1e3 * wrinkle.width:.1f} mm",
-            f"{1e3 * wrinkle.chord_height:.1f} mm",
-            f"{1e3 * wrinkle.peak_height:.1f} mm",
-            f"{1e3 * wrinkle.pull_distance(analysis.mode):.1f} mm",
-            f"{angle:.0f} deg",
+            *(f"{1e3 * length:.1f}" for length in lengths),
+            f"{angle:.0f}",
             f"{wrinkle.volume_score:.2f}",
         )
     console.print(table)

@@ -1,0 +1,142 @@
+"""The planning benchmark's results as Markdown."""
+
+from typing import Any
+
+_GROUPS = (
+    ("forward", "8 directions x 5 places, about forward"),
+    ("lateral", "8 directions x 5 places, about lateral"),
+    ("wide", "+-90 deg, y -1.0..-1.3"),
+)
+
+
+def plans_table(results: dict[str, Any]) -> str:
+    """Tables of success, times, margins, failures and baselines."""
+    parts = [_success(results), _times(results), _margins(results), _baselines(results)]
+    if results["failures"]:
+        lines = [f"- {cause}: {text}" for cause, text in results["failures"]]
+        parts.append("Targets without a dual-arm plan:\n\n" + "\n".join(lines) + "\n")
+    return "\n".join(parts)
+
+
+def _row(*cells: str) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def _head(*cells: str) -> list[str]:
+    return [_row(*cells), _row(*["---"] * len(cells))]
+
+
+def _seconds(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
+
+
+def _millimetres(value: float | None) -> str:
+    return "-" if value is None else f"{1e3 * value:.1f}"
+
+
+def _success(results: dict[str, Any]) -> str:
+    lines = _head("targets", "number", "dual-arm", "single-arm rescue", "verdicts passed", "target")
+    goals = {"forward": "1.00", "lateral": "1.00", "wide": ">= 0.98"}
+    for key, title in _GROUPS:
+        r = results[key]
+        lines.append(
+            _row(
+                title,
+                str(r["tasks"]),
+                f"{r['dual_arm_success']:.3f}",
+                str(r["single_arm_rescues"]),
+                f"{r['verdicts_passed_fraction']:.3f}",
+                goals[key],
+            )
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _times(results: dict[str, Any]) -> str:
+    lines = _head("planning, s", "median", "p95", "max", "target")
+    goals = {"planning": "0.20 / 0.6 / 1.5"}
+    for stage in ("search", "transit", "timing", "planning", "verification"):
+        r = results[f"{stage}_time"]
+        title = "**whole plan**" if stage == "planning" else stage
+        lines.append(
+            _row(
+                title,
+                *(f"{r[key]:.3f}" for key in ("median", "p95", "max")),
+                goals.get(stage, ""),
+            )
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _margins(results: dict[str, Any]) -> str:
+    slow = results["site_speed"]
+    lines = _head(
+        "motion", "catalogue speed", f"site speed ({100 * slow['speed']:.0f} %)", "target"
+    )
+    rows = (
+        ("motion time median, s", "motion_time_median", "{:.2f}", ""),
+        ("motion time max, s", "motion_time_max", "{:.2f}", ""),
+        ("over toppra's optimum, median", "motion_time_ratio_median", "{:.3f}", "<= 1.40"),
+        ("over toppra's optimum, max", "motion_time_ratio_max", "{:.3f}", ""),
+        ("worst velocity ratio", "worst_velocity_ratio", "{:.4f}", "<= 1.000"),
+        ("worst acceleration ratio", "worst_acceleration_ratio", "{:.4f}", "<= 1.000"),
+        ("worst jerk ratio", "worst_jerk_ratio", "{:.4f}", "<= 1.000"),
+        ("smallest clearance, m", "smallest_clearance", "{:.4f}", ""),
+    )
+    for title, key, form, goal in rows:
+        lines.append(_row(title, form.format(results[key]), form.format(slow[key]), goal))
+    lines.append("")
+    lines.append(
+        f"Smallest clearance: {results['smallest_clearance_pair']}. Clearance per kind of pair, m: "
+        + ", ".join(f"{kind} {value:.4f}" for kind, value in results["clearances"].items())
+        + f". Transits: {results['transit_kinds']}."
+    )
+    return "\n".join(lines) + "\n"
+
+
+def _baselines(results: dict[str, Any]) -> str:
+    own, drake, rrt = (
+        results[k] for k in ("same_tasks", "drake_inverse_kinematics", "ompl_rrt_connect")
+    )
+    lines = _head(f"on the same {own['tasks']} targets", "own", "Drake IK in the search", "OMPL")
+    if "skipped" in rrt:
+        return f"OMPL's RRT-Connect was skipped: {rrt['skipped']}.\n"
+    lines += [
+        _row(
+            "dual-arm success",
+            f"{own['dual_arm_success']:.3f}",
+            f"{drake['dual_arm_success']:.3f} ({drake['out_of_time']} out of time)",
+            f"{rrt['dual_arm_success']:.3f}",
+        ),
+        _row(
+            "search time median, s",
+            _seconds(own["search_time"]["median"]),
+            _seconds(drake["search_time_median"]),
+            "(poses from the own search)",
+        ),
+        _row(
+            "search time p95, s",
+            _seconds(own["search_time"]["p95"]),
+            _seconds(drake["search_time_p95"]),
+            "",
+        ),
+        _row(
+            "whole plan median, s",
+            _seconds(own["planning_time_median"]),
+            "",
+            _seconds(rrt["planning_time_median"]),
+        ),
+        _row(
+            "motion median, s",
+            _seconds(own["motion_time_median"]),
+            "",
+            _seconds(rrt["motion_time_median"]),
+        ),
+        _row(
+            "tip off the Cartesian path, median / max, mm",
+            "0",
+            "",
+            f"{_millimetres(rrt['deviation_median'])} / {_millimetres(rrt['deviation_max'])}",
+        ),
+    ]
+    return "\n".join(lines) + "\n"

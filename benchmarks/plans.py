@@ -1,0 +1,168 @@
+"""Dual-arm planning on a fixed, seeded set of targets: success, reasons, times, margins, verdicts."""
+
+import time
+from collections import Counter
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from unwrinkle.benchmarks._plan_baselines import drake_baseline, rrt_baseline
+from unwrinkle.benchmarks._plan_table import plans_table
+from unwrinkle.benchmarks._plan_tasks import Task, flattening_task, tasks
+from unwrinkle.benchmarks.report import Progress
+from unwrinkle.models.limits import Limits
+from unwrinkle.models.robot import Cell, load_cell
+from unwrinkle.perception.target import FlatteningTarget
+from unwrinkle.planning.optimum import jerk_free_line_time, jerk_free_time
+from unwrinkle.planning.planner import FlatteningPlanner, PlanResult
+from unwrinkle.planning.verification import verify
+from unwrinkle.planning.verification_verdict import Verdict
+
+#: Fraction of the catalogue speed that the Glasgow robot was run at.
+SITE_SPEED = 0.2
+
+
+def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
+    """Plan and verify every task, at catalogue speed and at the site's; then the baselines on a part of them."""
+    cell = load_cell()
+    todo = tasks(seed, quick=quick)
+    total = 2 * len(todo) + 2
+    results: dict[str, Any] = {"tasks": len(todo)}
+    rows = _run_all(cell, todo, progress, 0, total, "plans")
+    results |= _summary(rows)
+    for group in ("forward", "lateral", "wide"):
+        results[group] = _summary([row for row in rows if row["group"] == group])
+    slow = _run_all(cell.with_speed(SITE_SPEED), todo, progress, len(todo), total, "site speed")
+    results["site_speed"] = _summary(slow) | {"speed": SITE_SPEED}
+    few = [task.target for task in todo[:: 2 if quick else 6]]
+    progress(total - 2, total, "Drake's IK")
+    results["drake_inverse_kinematics"] = drake_baseline(cell, few)
+    progress(total - 1, total, "RRT-Connect")
+    results["ompl_rrt_connect"] = rrt_baseline(cell, few)
+    own = [row for row in rows[:: 2 if quick else 6]]
+    results["same_tasks"] = _summary(own)
+    return results
+
+
+def table(results: dict[str, Any]) -> str:
+    """The results as Markdown."""
+    return plans_table(results)
+
+
+def _run_all(
+    cell: Cell, todo: list[Task], progress: Progress, done: int, total: int, stage: str
+) -> list[dict[str, Any]]:
+    planner = FlatteningPlanner(cell)
+    warm = flattening_task((0.0, -1.1), 0.0)
+    planner.plan(warm)
+    rows = []
+    for i, task in enumerate(todo):
+        progress(done + i, total, stage)
+        rows.append({"group": task.group} | _measure(planner, cell, task.target))
+    return rows
+
+
+def _measure(planner: FlatteningPlanner, cell: Cell, target: FlatteningTarget) -> dict[str, Any]:
+    result = planner.plan(target)
+    row: dict[str, Any] = {
+        "dual": result.plan is not None and result.plan.dual,
+        "planned": result.plan is not None,
+        "cause": None if result.failure is None else result.failure.cause,
+        "message": None if result.failure is None else result.failure.message,
+        "search": result.timings.search,
+        "transit": result.timings.transit,
+        "timing": result.timings.timing,
+        "planning": result.timings.total,
+        "transit_kinds": list(result.timings.transit_kinds),
+    }
+    if result.plan is None:
+        return row
+    clock = time.perf_counter()
+    verdict = verify(result.plan, cell)
+    row["verification"] = time.perf_counter() - clock
+    row["motion"] = result.plan.motion_time
+    row["ratio"] = result.plan.motion_time / optimum(result, cell.limits)
+    row |= _margins(verdict)
+    return row
+
+
+def optimum(result: PlanResult, limits: Limits) -> float:
+    """Least time of the same paths with the same stops without a jerk limit (toppra), s."""
+    total = 0.0
+    for i, piece in enumerate(result.pieces):
+        tip_speed = limits.tip_speed_holding if i == 1 else None
+        total += jerk_free_time(piece.path, limits, tip_speed)
+    for way in result.transits:
+        for a, b in pairwise(way.points):
+            total += jerk_free_line_time(a, b, limits)
+    return total
+
+
+def _margins(verdict: Verdict) -> dict[str, Any]:
+    smallest = verdict.smallest
+    near: dict[str, float] = {}
+    for pair in verdict.clearances:
+        if pair.distance is not None:
+            near[pair.kind] = min(near.get(pair.kind, np.inf), pair.distance)
+    return {
+        "passed": verdict.passed,
+        "violations": [violation.message for violation in verdict.violations],
+        "velocity_ratio": verdict.check("velocity").value,
+        "acceleration_ratio": verdict.check("acceleration").value,
+        "jerk_ratio": verdict.check("jerk").value,
+        "clearance": None if smallest is None else smallest.distance,
+        "clearance_pair": None if smallest is None else " and ".join(smallest.bodies),
+        "clearances": near,
+    }
+
+
+def _summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Figures over a set of tasks."""
+    planned = [row for row in rows if row["planned"]]
+
+    def spread(key: str, among: list[dict[str, Any]]) -> dict[str, float]:
+        values = [row[key] for row in among]
+        return {
+            "median": float(np.median(values)),
+            "p95": float(np.percentile(values, 95)),
+            "max": float(np.max(values)),
+        }
+
+    planning, motion, ratio = (
+        spread("planning", rows),
+        spread("motion", planned),
+        spread("ratio", planned),
+    )
+    near = [row for row in planned if row["clearance"] is not None]
+    nearest = min(near, key=lambda row: row["clearance"]) if near else None
+    kinds = sorted({kind for row in planned for kind in row["clearances"]})
+    return {
+        "tasks": len(rows),
+        "dual_arm_success": float(np.mean([row["dual"] for row in rows])),
+        "single_arm_rescues": sum(row["planned"] and not row["dual"] for row in rows),
+        "failures": [(row["cause"], row["message"]) for row in rows if row["cause"] is not None],
+        "planning_time_median": planning["median"],
+        "planning_time_p95": planning["p95"],
+        "planning_time_max": planning["max"],
+        "planning_time": planning,
+        "search_time": spread("search", rows),
+        "transit_time": spread("transit", rows),
+        "timing_time": spread("timing", planned),
+        "verification_time": spread("verification", planned),
+        "motion_time_median": motion["median"],
+        "motion_time_max": motion["max"],
+        "motion_time_ratio_median": ratio["median"],
+        "motion_time_ratio_max": ratio["max"],
+        "worst_velocity_ratio": max(row["velocity_ratio"] for row in planned),
+        "worst_acceleration_ratio": max(row["acceleration_ratio"] for row in planned),
+        "worst_jerk_ratio": max(row["jerk_ratio"] for row in planned),
+        "smallest_clearance": None if nearest is None else nearest["clearance"],
+        "smallest_clearance_pair": None if nearest is None else nearest["clearance_pair"],
+        "clearances": {
+            kind: min(row["clearances"].get(kind, np.inf) for row in planned) for kind in kinds
+        },
+        "verdicts_passed_fraction": float(np.mean([row["passed"] for row in planned])),
+        "refused": [row["violations"] for row in planned if not row["passed"]],
+        "transit_kinds": dict(Counter(kind for row in planned for kind in row["transit_kinds"])),
+    }

@@ -1,0 +1,216 @@
+"""What a plan must be made of: its hashes, segments, gripper events, start, rest and continuity."""
+
+import dataclasses as dc
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.models.robot import Cell
+from unwrinkle.planning.plan import FlatteningPlan
+from unwrinkle.planning.verification_verdict import Findings
+
+Array = NDArray[np.float64]
+
+SEGMENTS = ("approach", "pull", "release")
+#: The named poses in the segments that pass them (Sun et al. 2015, Fig. 5).
+POSES = (
+    ("plan", "touch-table", "grasp"),
+    ("pull", "put-on-table"),
+    ("free-garment", "leave-table"),
+)
+#: s on the plan's clock.
+TIME_TOLERANCE = 1e-6
+#: rad; what MotoROS clients allow between the robot and the first point of a trajectory.
+START_TOLERANCE = 1e-4
+#: rad, between the end of a segment and the begin of the next.
+CONTINUITY_TOLERANCE = 1e-9
+#: rad/s, of every axis at both ends of a segment.
+REST_TOLERANCE = 1e-9
+
+
+def check_identity(plan: FlatteningPlan, cell: Cell, limits_hash: str, found: Findings) -> None:
+    """Check that plan, robot and limits are the ones the plan claims. Adds the checks `hash` and `speed`."""
+    # `content_hash` is kept once computed; a copy computes it anew.
+    if dc.replace(plan).content_hash != plan.content_hash:
+        found.fail("hash", "the plan's content has changed since its hash was computed; plan again")
+    if plan.robot != cell.robot.name:
+        found.fail("hash", f"the plan is for robot '{plan.robot}', this is '{cell.robot.name}'")
+    for what, made, here in (
+        ("model of the cell", plan.robot_hash, cell.robot_hash),
+        ("limits", plan.limits_hash, limits_hash),
+    ):
+        if made != here:
+            found.fail(
+                "hash",
+                f"the plan was made with another {what} ({made[:12]}, here {here[:12]}); plan again",
+            )
+    found.check("hash", where=plan.content_hash[:12])
+    allowed = cell.scenario.speed
+    if plan.speed > allowed:
+        found.fail(
+            "speed",
+            f"the plan uses {plan.speed:g} of the catalogue speed, the cell allows {allowed:g}",
+        )
+    found.check("speed", plan.speed, allowed, allowed - plan.speed)
+
+
+def check_structure(plan: FlatteningPlan, found: Findings) -> None:
+    """Check segments, clock, poses and contact windows. Adds the check `structure`."""
+    names = tuple(segment.name for segment in plan.segments)
+    if names != SEGMENTS:
+        found.fail("structure", f"the segments are {list(names)}, expected {list(SEGMENTS)}")
+    if not any(plan.arms):
+        found.fail("structure", "no arm takes part")
+    sides = [arm.side for arm in plan.arms if arm is not None]
+    if any(side not in (0, 1) for side in sides) or len(set(sides)) != len(sides):
+        found.fail(
+            "structure", f"the arms serve the hands {sides}, expected different ones of 0, 1"
+        )
+    end = 0.0
+    for segment in plan.segments:
+        if not segment.start >= end - TIME_TOLERANCE:
+            found.fail(
+                "structure",
+                f"{segment.name} starts at {segment.start:.4f} s, before the segment before it ends "
+                f"({end:.4f} s)",
+                segment.start,
+            )
+        end = segment.end
+    for segment, expected in zip(plan.segments, POSES, strict=False):
+        if segment.name not in SEGMENTS:
+            continue
+        duration = segment.trajectory.duration
+        marks = tuple(mark.name for mark in segment.poses)
+        times = np.array([0.0, *(mark.time for mark in segment.poses), duration])
+        if marks != expected:
+            found.fail(
+                "structure", f"{segment.name} passes the poses {list(marks)}, not {list(expected)}"
+            )
+        if not np.all(np.diff(times) >= -TIME_TOLERANCE):
+            found.fail("structure", f"the poses of {segment.name} are not in order of time")
+        _check_contact(plan, segment.name, found)
+    found.check("structure", where=f"{len(plan.segments)} segments, {end:.3f} s")
+
+
+def _check_contact(plan: FlatteningPlan, name: str, found: Findings) -> None:
+    """Fingers may meet the table from the plan pose on until the leave pose, and nowhere else."""
+    segment = next(segment for segment in plan.segments if segment.name == name)
+    poses = {mark.name: mark.time for mark in segment.poses}
+    begin, end = segment.contact
+    earliest, latest = poses.get("plan", 0.0), poses.get("leave-table", segment.trajectory.duration)
+    if not earliest - TIME_TOLERANCE <= begin <= end <= latest + TIME_TOLERANCE:
+        found.fail(
+            "structure",
+            f"the contact window of {name} is {begin:.3f} to {end:.3f} s, not within {earliest:.3f} to "
+            f"{latest:.3f} s (plan pose to leave pose)",
+            segment.start + begin,
+        )
+
+
+def check_rest(plan: FlatteningPlan, start: Array, found: Findings) -> None:
+    """Check the start, rest at both ends of every segment, and continuity. Adds `start`, `rest`, `continuity`."""
+    first = plan.segments[0].trajectory.positions[0]
+    _check_equal("start", first, start, START_TOLERANCE, "the robot stands", 0.0, plan, found)
+    speed, where, when = 0.0, "", 0.0
+    for segment in plan.segments:
+        for time, v in (
+            (segment.start, segment.trajectory.velocities[0]),
+            (segment.end, segment.trajectory.velocities[-1]),
+        ):
+            worst = float(np.max(np.abs(v)))
+            if worst > REST_TOLERANCE:
+                found.fail(
+                    "rest",
+                    f"{segment.name} is not at rest at {time:.3f} s: {worst:.3g} rad/s",
+                    time,
+                )
+            if worst >= speed:
+                speed, where, when = worst, segment.name, time
+    margin = REST_TOLERANCE - speed
+    found.check("rest", speed, REST_TOLERANCE, margin, "rad/s", where, when)
+    for before, after in zip(plan.segments, plan.segments[1:], strict=False):
+        _check_equal(
+            "continuity",
+            after.trajectory.positions[0],
+            before.trajectory.positions[-1],
+            CONTINUITY_TOLERANCE,
+            f"{before.name} ended",
+            after.start,
+            plan,
+            found,
+        )
+
+
+def _check_equal(
+    kind: str,
+    value: Array,
+    expected: Array,
+    tolerance: float,
+    what: str,
+    time: float,
+    plan: FlatteningPlan,
+    found: Findings,
+) -> None:
+    difference = np.abs(value - expected)
+    axis = int(np.argmax(difference))
+    worst = float(difference[axis])
+    if worst > tolerance:
+        found.fail(
+            kind,
+            f"axis {axis} is at {value[axis]:.6f} rad at {time:.3f} s, where {what} at "
+            f"{expected[axis]:.6f} rad: {worst:.3g} rad apart, at most {tolerance:g} are allowed",
+            time,
+        )
+    found.check(kind, worst, tolerance, tolerance - worst, "rad", f"axis {axis}", time)
+
+
+def check_grippers(plan: FlatteningPlan, cell: Cell, found: Findings) -> None:
+    """Check the gripper events against segments, states and the time a stroke takes. Adds the check `gripper`."""
+    taking_part = (plan.arms[0] is not None, plan.arms[1] is not None)
+    opened = (False, False)
+    for segment, states in zip(plan.segments, (opened, taking_part, opened), strict=False):
+        if segment.closed != states:
+            found.fail(
+                "gripper",
+                f"during {segment.name} the grippers are {_words(segment.closed)}, expected "
+                f"{_words(states)}",
+                segment.start,
+            )
+    if len(plan.events) != 2:
+        found.fail("gripper", f"there are {len(plan.events)} gripper events, expected 2")
+    needed = cell.scenario.gripper.opening / cell.limits.gripper.velocity
+    shortest, when = np.inf, 0.0
+    gaps = zip(plan.segments, plan.segments[1:], strict=False)
+    for event, states, (before, after) in zip(
+        plan.events, (taking_part, opened), gaps, strict=False
+    ):
+        if event.closed != states:
+            found.fail(
+                "gripper",
+                f"the event at {event.time:.3f} s makes the grippers {_words(event.closed)}, expected "
+                f"{_words(states)}",
+                event.time,
+            )
+        done = event.time + event.dwell
+        if event.time < before.end - TIME_TOLERANCE or done > after.start + TIME_TOLERANCE:
+            found.fail(
+                "gripper",
+                f"the grippers change from {event.time:.3f} to {done:.3f} s, while the arms rest only from "
+                f"{before.end:.3f} to {after.start:.3f} s",
+                event.time,
+            )
+        if event.dwell < needed - TIME_TOLERANCE:
+            found.fail(
+                "gripper",
+                f"the grippers get {event.dwell:.3f} s at {event.time:.3f} s, their stroke takes "
+                f"{needed:.3f} s",
+                event.time,
+            )
+        if event.dwell < shortest:
+            shortest, when = event.dwell, event.time
+    if np.isfinite(shortest):
+        found.check("gripper", shortest, needed, shortest - needed, "s", "shortest dwell", when)
+
+
+def _words(closed: tuple[bool, bool]) -> str:
+    return " and ".join("closed" if state else "open" for state in closed)

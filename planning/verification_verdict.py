@@ -1,0 +1,253 @@
+"""What a verification says: every check with its margin, every violation, every pair's clearance."""
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+#: Kinds of violation, each with what it guards. A check has the name of the violations it can raise.
+CHECKS = {
+    "hash": "the plan's content, robot and limits are the ones it claims",
+    "speed": "not planned faster than the cell's speed fraction",
+    "structure": "segments, poses and contact windows are the expected ones, on one clock",
+    "gripper": "grippers change at rest, at the right time, with time enough",
+    "start": "the motion begins where the robot stands",
+    "rest": "every segment begins and ends at rest",
+    "continuity": "every segment begins where the one before ended",
+    "position": "axis positions",
+    "velocity": "axis velocities",
+    "acceleration": "axis accelerations",
+    "jerk": "axis jerks",
+    "acceleration_jump": "jumps of acceleration between cubic pieces",
+    "clearance": "distances between bodies",
+    "finger_table": "fingers and the working table",
+    "tip_speed": "speed of the tool centre points while a gripper is closed",
+    "stretch": "distance of the grippers over the cloth between them",
+    "slack": "decrease of the grippers' distance while they hold",
+    "grasp": "tool centre points when the grippers close",
+    "put_down": "tool centre points when the grippers open",
+    "tilt": "tilt of the tools while they are down",
+}
+
+
+@dataclass(frozen=True)
+class Check:
+    """One check and its margin.
+
+    Attributes:
+        name: key of `CHECKS`.
+        passed: whether nothing was wrong.
+        value: worst value found; None where the check is not about a number.
+        limit: what it may at most (or at least) be.
+        margin: by how much the limit is kept; negative where it is broken.
+        unit: of value, limit and margin ("" for ratios).
+        where: axis, arm or pair of bodies.
+        time: of the worst value on the plan's clock, s.
+    """
+
+    name: str
+    passed: bool
+    value: float | None = None
+    limit: float | None = None
+    margin: float | None = None
+    unit: str = ""
+    where: str = ""
+    time: float | None = None
+
+
+@dataclass(frozen=True)
+class Violation:
+    """One thing that is wrong.
+
+    Attributes:
+        kind: key of `CHECKS`.
+        message: what, where, which limit, by how much, in one sentence.
+        time: on the plan's clock, s; None where it is not about a time.
+    """
+
+    kind: str
+    message: str
+    time: float | None = None
+
+
+@dataclass(frozen=True)
+class PairClearance:
+    """How near two bodies come. All lengths in m.
+
+    Attributes:
+        bodies: scoped names.
+        kind: of the pair: arm-arm, arm-table, palm-table, finger-table, surroundings, adjacent or self.
+        distance: smallest geometric distance of the collision shapes found at a checked time (negative:
+            depth of penetration); the padding is not subtracted.
+        time: of that distance on the plan's clock, s.
+        bound: no time of the plan, on or between samples, has a smaller distance; proven.
+        required: padding demanded where the margin is smallest (fingers need none over the working table
+            while they are meant to touch it).
+        margin: smallest difference of a distance found and the padding required at that time.
+    """
+
+    bodies: tuple[str, str]
+    kind: str
+    distance: float
+    time: float
+    bound: float
+    required: float
+    margin: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a plan may be executed, and why.
+
+    Attributes:
+        plan_hash: content hash of the plan that was verified.
+        robot_hash: of the cell it was verified in.
+        limits_hash: of the limits it was verified with.
+        checks: one per entry of `CHECKS` that applies.
+        violations: empty for a plan that passes.
+        clearances: per pair of bodies that came within the search distance, nearest to its padding first.
+        elsewhere: all other pairs are at every time at least this far apart, m; proven.
+        queries: number of configurations in which distances were computed.
+    """
+
+    plan_hash: str
+    robot_hash: str
+    limits_hash: str
+    checks: tuple[Check, ...]
+    violations: tuple[Violation, ...]
+    clearances: tuple[PairClearance, ...]
+    elsewhere: float
+    queries: int
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing was wrong."""
+        return not self.violations
+
+    @property
+    def smallest(self) -> PairClearance | None:
+        """The pair whose shapes come nearest, of all that must not touch.
+
+        Left out are the fingers and the working table, which are meant to meet, and pairs of one arm and
+        of a joint's neighbours, which are near by construction. None if no other pair came near.
+        """
+        meant = {"finger-table", "self", "adjacent"}
+        pairs = [pair for pair in self.clearances if pair.kind not in meant]
+        return min(pairs, key=lambda pair: pair.distance, default=None)
+
+    def check(self, name: str) -> Check:
+        """The check of that name.
+
+        Raises:
+            KeyError: it was not made.
+        """
+        for check in self.checks:
+            if check.name == name:
+                return check
+        raise KeyError(name)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain lists, numbers and strings."""
+        smallest = self.smallest
+        return {
+            "passed": self.passed,
+            "plan_hash": self.plan_hash,
+            "robot_hash": self.robot_hash,
+            "limits_hash": self.limits_hash,
+            "violations": [asdict(violation) for violation in self.violations],
+            "checks": [asdict(check) for check in self.checks],
+            "smallest_clearance": None if smallest is None else asdict(smallest),
+            "clearances": [asdict(pair) for pair in self.clearances],
+            "elsewhere": self.elsewhere,
+            "queries": self.queries,
+        }
+
+    def rows(self) -> list[tuple[str, str, str, str, str, str]]:
+        """The checks as text: name, result, worst value, limit, margin, where and when."""
+        return [
+            (
+                check.name.replace("_", " "),
+                "pass" if check.passed else "FAIL",
+                _quantity(check.value, check.unit),
+                _quantity(check.limit, check.unit),
+                _quantity(check.margin, check.unit),
+                check.where + ("" if check.time is None else f", {check.time:.3f} s"),
+            )
+            for check in self.checks
+        ]
+
+    def clearance_rows(self, count: int = 12) -> list[tuple[str, str, str, str, str, str]]:
+        """The pairs nearest to their padding: bodies, kind, distance, proven bound, required, time."""
+        return [
+            (
+                " - ".join(pair.bodies),
+                pair.kind,
+                _quantity(pair.distance, "m"),
+                _quantity(pair.bound, "m"),
+                _quantity(pair.required, "m"),
+                f"{pair.time:.3f} s",
+            )
+            for pair in self.clearances[:count]
+        ]
+
+    def summary(self) -> str:
+        """One or two sentences: pass or not, and the smallest clearance."""
+        pair = self.smallest
+        near = f"no two bodies nearer than {1e3 * self.elsewhere:.0f} mm"
+        if pair is not None:
+            near = (
+                f"smallest clearance {1e3 * pair.distance:.1f} mm between {' and '.join(pair.bodies)} at "
+                f"{pair.time:.3f} s (required {1e3 * pair.required:.0f} mm, proven never below "
+                f"{1e3 * pair.bound:.1f} mm)"
+            )
+        count = len(self.violations)
+        state = "safe" if self.passed else f"NOT safe: {count} violation{'s' if count > 1 else ''}"
+        return f"plan {self.plan_hash[:12]} is {state}; {near}"
+
+
+def _quantity(value: float | None, unit: str) -> str:
+    if value is None:
+        return ""
+    if unit == "m":
+        return f"{1e3 * value:.1f} mm"
+    return f"{value:.4g} {unit}".rstrip()
+
+
+class Findings:
+    """Collects checks and violations while a verification runs."""
+
+    def __init__(self) -> None:
+        """Nothing found yet."""
+        self.violations: list[Violation] = []
+        self._checks: dict[str, Check] = {}
+
+    def fail(self, kind: str, message: str, time: float | None = None) -> None:
+        """Note a violation."""
+        if kind not in CHECKS:
+            raise KeyError(kind)
+        self.violations.append(Violation(kind, message, time))
+
+    def check(
+        self,
+        name: str,
+        value: float | None = None,
+        limit: float | None = None,
+        margin: float | None = None,
+        unit: str = "",
+        where: str = "",
+        time: float | None = None,
+    ) -> None:
+        """Note a check and its worst value; of several with one name the one with the least margin stays.
+
+        Whether it passed follows from the violations of that kind.
+        """
+        before = self._checks.get(name)
+        if before is None or (margin or 0.0) < (before.margin or 0.0):
+            self._checks[name] = Check(name, True, value, limit, margin, unit, where, time)
+
+    def checks(self) -> tuple[Check, ...]:
+        """The checks, with their results; also those that only left violations behind."""
+        failed = {violation.kind for violation in self.violations}
+        return tuple(
+            replace(self._checks.get(name, Check(name, True)), passed=name not in failed)
+            for name in CHECKS
+            if name in self._checks or name in failed
+        )

@@ -1,0 +1,66 @@
+"""Typed YAML: the schema binds, and errors name file and key."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from unwrinkle.models import InputError, load_yaml
+
+
+@dataclass
+class Open:
+    size: float = 1.0
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Frozen:
+    size: float = 1.0
+    parts: list[float] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        if self.size < 0.0:
+            raise InputError("size must not be negative")
+
+
+def _write(folder: Path, text: str) -> Path:
+    path = folder / "thing.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_reads_both_kinds_and_keeps_defaults(tmp_path: Path) -> None:
+    assert load_yaml(_write(tmp_path, "size: 2"), Open) == Open(2.0, "")
+    assert load_yaml(_write(tmp_path, "parts: [1, 2]"), Frozen) == Frozen(1.0, [1.0, 2.0])
+
+
+@pytest.mark.parametrize("schema", [Open, Frozen])
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("size: 2\ncolour: red", "colour"),
+        ("size: wide", "size"),
+        ("size: [1", "line 1"),
+        ("", "empty"),
+        ("- 1", "list"),
+    ],
+)
+def test_refuses_and_names_file_and_key(
+    tmp_path: Path, schema: type, text: str, named: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        load_yaml(_write(tmp_path, text), schema)
+    assert "thing.yaml" in str(caught.value)
+    assert named in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_own_check_of_a_frozen_schema_names_the_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"thing\.yaml: size must not be negative"):
+        load_yaml(_write(tmp_path, "size: -1"), Frozen)
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        load_yaml(tmp_path / "absent.yaml", Open)

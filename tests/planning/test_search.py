@@ -1,0 +1,131 @@
+"""Search and planner: freedoms that are needed, single-arm fallback, reasons of failure, start states."""
+
+import dataclasses as dc
+
+import numpy as np
+import pytest
+
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.robot import load_cell
+from unwrinkle.planning.planner import FlatteningPlanner
+from unwrinkle.planning.search import natural_assignment
+from unwrinkle.planning.settings import PlannerSettings, Stage
+
+
+def narrow(**freedoms) -> PlannerSettings:
+    """A planner with one stage only; angles in degrees."""
+    radians = {k: tuple(np.radians(v)) if k != "swap" else v for k, v in freedoms.items()}
+    return dc.replace(PlannerSettings(), stages=(Stage(**radians),))
+
+
+def test_arms_take_their_own_side(make_target):
+    assert natural_assignment(make_target(phi=0.0)) == (0, 1)
+    assert natural_assignment(make_target(phi=np.pi)) == (1, 0)
+
+
+def test_prefers_the_straight_choice(planner, make_target):
+    plan = planner.plan(make_target(phi=0.0)).plan
+    assert plan is not None and plan.dual
+    assert plan.turntable == 0.0
+    assert [arm.offset for arm in plan.arms] == [0.0, 0.0]
+    assert all(
+        np.degrees(arm.tilt) == pytest.approx(45) or np.degrees(arm.tilt) == pytest.approx(60)
+        for arm in plan.arms
+    )
+
+
+@pytest.mark.parametrize("phi", [-90, -60, -30, 0, 30, 60, 90])
+@pytest.mark.parametrize("y", [-1.05, -1.15])
+def test_every_direction_is_planned_with_both_arms(planner, make_target, phi, y):
+    result = planner.plan(make_target((0.0, y), np.radians(phi)))
+    assert result.plan is not None and result.plan.dual
+    assert result.failure is None
+    if abs(phi) == 90:
+        assert result.plan.turntable != 0.0
+
+
+def test_lateral_wrinkle_needs_the_turn_table(cell, make_target):
+    """Measured for the cell: phi 90 deg at (0, -1.2) has no plan with the turn-table at 0 and tilts to 75 deg."""
+    target = make_target((0.0, -1.2), np.pi / 2)
+    fixed = FlatteningPlanner(cell, narrow(tilts=(45, 60, 30, 75), turntable=(0,), offsets=(0,)))
+    result = fixed.plan(target, arms="dual")
+    assert result.plan is None
+    assert result.failure.cause == "far-reach"
+    assert 0.0 < result.failure.missing < 0.3
+    assert "mm of reach" in result.failure.message
+    vertical = dc.replace(
+        cell.scenario, gripper=dc.replace(cell.scenario.gripper, tilt_upper=1.571)
+    )
+    turned = FlatteningPlanner(
+        load_cell(vertical), narrow(tilts=(45, 90), turntable=(30, -30), offsets=(0,))
+    )
+    assert turned.plan(target, arms="dual").plan is not None
+
+
+def test_tilt_window_of_the_gripper_is_kept(cell, make_target):
+    gripper = dc.replace(
+        cell.scenario.gripper, tilt_lower=np.radians(40), tilt_upper=np.radians(50)
+    )
+    planner = FlatteningPlanner(load_cell(dc.replace(cell.scenario, gripper=gripper)))
+    for phi in (0.0, 0.8, -0.8):
+        plan = planner.plan(make_target(phi=phi)).plan
+        assert plan is not None
+        assert all(arm is None or np.degrees(arm.tilt) == pytest.approx(45) for arm in plan.arms)
+
+
+def test_falls_back_to_one_arm_with_the_reason(cell, make_target):
+    settings = narrow(tilts=(45, 60, 30), turntable=(0,), offsets=(0,))
+    result = FlatteningPlanner(cell, settings).plan(make_target((0.0, -1.2), np.pi / 2))
+    assert result.plan is not None and not result.plan.dual
+    assert result.failure.cause == "far-reach"
+    assert "no dual-arm motion" in result.plan.note
+    idle = next(i for i, arm in enumerate(result.plan.arms) if arm is None)
+    for segment in result.plan.segments:
+        still = segment.trajectory.positions[:, 1 + 6 * idle : 7 + 6 * idle]
+        assert np.array_equal(still, np.zeros_like(still))
+        assert not segment.closed[idle]
+
+
+def test_out_of_reach_of_both_arms_is_a_value_not_an_exception(planner, make_target):
+    result = planner.plan(make_target((0.0, -2.6)))
+    assert result.plan is None
+    assert result.failure.cause == "far-reach"
+    assert result.failure.missing > 0.3
+
+
+def test_starts_from_any_free_configuration(planner, make_target):
+    start = np.zeros(13)
+    start[[0, 1, 7]] = [0.2, 0.3, -0.3]
+    plan = planner.plan(make_target(), start=start).plan
+    assert np.array_equal(plan.segments[0].trajectory.positions[0], start)
+    assert np.array_equal(plan.segments[-1].trajectory.positions[-1], np.zeros(13))
+
+
+def test_same_target_same_plan(planner, make_target):
+    a, b = (planner.plan(make_target(phi=0.7)).plan for _ in range(2))
+    assert a.content_hash == b.content_hash
+
+
+def test_slower_cell_gives_slower_plans_within_its_limits(cell, make_target):
+    slow = cell.with_speed(0.2)
+    fast = FlatteningPlanner(cell).plan(make_target()).plan
+    plan = FlatteningPlanner(slow).plan(make_target()).plan
+    assert plan.speed == 0.2 and plan.limits_hash == slow.limits_hash
+    assert 1.7 < plan.motion_time / fast.motion_time < 5.0
+    for segment in plan.segments:
+        assert np.all(np.abs(segment.trajectory.velocities) <= slow.limits.velocity)
+
+
+def test_a_start_in_collision_or_beyond_the_limits_is_refused(planner, make_target):
+    start = np.zeros(13)
+    start[3] = 2.0
+    failure = planner.plan(make_target(), start=start).failure
+    assert failure.cause == "start" and "r1::joint_u" in failure.message
+    start = np.zeros(13)
+    start[[1, 2, 7, 8]] = [0.4, 0.5, -0.4, 0.5]
+    failure = planner.plan(make_target(), start=start).failure
+    assert failure.cause == "start" and "too close" in failure.message
+    with pytest.raises(InputError, match="13 finite angles"):
+        planner.plan(make_target(), start=np.full(13, np.nan))
+    with pytest.raises(InputError, match="arms must be one of"):
+        planner.plan(make_target(), arms="three")

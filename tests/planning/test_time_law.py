@@ -1,0 +1,126 @@
+"""The jerk-limited law along a path: within limits, near the optimum, exactly on the path."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from unwrinkle.models.errors import NoSafePlanError
+from unwrinkle.models.robot import load_cell
+from unwrinkle.planning.joint_lines import time_line
+from unwrinkle.planning.optimum import jerk_free_line_time, jerk_free_time
+from unwrinkle.planning.time_law import JointPath, PathLimits, time_paths
+
+LIMITS = load_cell().limits
+FULL = PathLimits(LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk)
+
+
+def hermite_ratios(t, q, v):
+    """Velocity, acceleration and jerk of the cubics between samples over the limits."""
+    h = np.diff(t)[:, None]
+    d = np.diff(q, axis=0)
+    first = 6 * d / h**2 - (4 * v[:-1] + 2 * v[1:]) / h
+    last = -6 * d / h**2 + (2 * v[:-1] + 4 * v[1:]) / h
+    jerk = 6 * (v[:-1] + v[1:]) / h**2 - 12 * d / h**3
+    a = np.maximum(np.abs(first), np.abs(last))
+    return (
+        (np.abs(v) / LIMITS.velocity).max(),
+        (a / LIMITS.acceleration).max(),
+        (np.abs(jerk) / LIMITS.jerk).max(),
+    )
+
+
+def curve(seed: int, size: float, points: int = 24):
+    rng = np.random.default_rng(seed)
+    s = np.linspace(0.0, 1.0, points)[:, None]
+    a, b, c = rng.uniform(-size, size, (3, 13))
+    return a + b * s + c * np.sin(np.pi * s) ** 2
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10_000), size=st.floats(0.01, 1.0))
+def test_limits_hold_between_samples_and_the_path_is_kept(seed, size):
+    path = JointPath.through(curve(seed, size))
+    (timed,) = time_paths([path], [FULL])
+    t, q, v = timed.sample(0.004)
+    assert np.all(np.diff(t) > 0)
+    assert np.array_equal(v[0], np.zeros(13)) and np.array_equal(v[-1], np.zeros(13))
+    assert np.allclose(q[0], path.spline(0.0), atol=1e-12)
+    assert np.allclose(q[-1], path.spline(1.0), atol=1e-12)
+    speed, acceleration, jerk = hermite_ratios(t, q, v)
+    assert speed <= 1.0
+    assert acceleration <= 1.01  # the cubic's own overshoot at a 4 ms period
+    assert jerk <= 1.001
+    dense = path.spline(np.linspace(0.0, 1.0, 4001))
+    gaps = np.abs(q[:, None, :] - dense[None, ::10]).max(-1).min(1)
+    assert gaps.max() < 0.01 * size + 1e-6
+
+
+@pytest.mark.parametrize("size", [0.05, 0.3, 1.0, 2.0])
+def test_straight_line_is_as_fast_as_the_optimum(size):
+    """Along a straight line ruckig's rest-to-rest motion is optimal: the law may be at most 1 % slower."""
+    rng = np.random.default_rng(4)
+    start, goal = rng.uniform(-0.5, 0.5, 13), rng.uniform(-0.5, 0.5, 13)
+    goal = start + size * (goal - start)
+    optimal = time_line(start, goal, LIMITS, 0.0, 0.004)[3]
+    (timed,) = time_paths([JointPath.through(np.linspace(start, goal, 20))], [FULL])
+    assert optimal <= timed.duration * (1.0 + 1e-6)
+    assert timed.duration <= 1.01 * optimal
+
+
+def test_is_slower_than_without_a_jerk_limit_and_not_by_much():
+    paths = [JointPath.through(curve(seed, 0.5)) for seed in range(5)]
+    for path, timed in zip(paths, time_paths(paths, [FULL] * 5), strict=True):
+        assert 1.0 < timed.duration / jerk_free_time(path, LIMITS) < 1.6
+
+
+def test_time_scales_with_the_limits():
+    """Velocity x 1/k, acceleration x 1/k^2, jerk x 1/k^3 is the same motion k times slower."""
+    path = JointPath.through(curve(7, 0.5))
+    slow = PathLimits(LIMITS.velocity / 2, LIMITS.acceleration / 4, LIMITS.jerk / 8)
+    fast_law, slow_law = time_paths([path, path], [FULL, slow])
+    assert slow_law.duration == pytest.approx(2 * fast_law.duration, rel=2e-3)
+
+
+def test_tip_speed_is_capped():
+    points = curve(3, 0.3)
+    tips = np.stack([points[:, 1:4], points[:, 7:10]], axis=1)  # any smooth curves of 3 coordinates
+    path = JointPath.through(points, tips)
+    (timed,) = time_paths([path], [PathLimits(*3 * [np.full(13, 1e4)], tip_speed=0.25)])
+    t, q, _ = timed.sample(0.002)
+    moving = np.linalg.norm(np.diff(np.stack([q[:, 1:4], q[:, 7:10]], 1), axis=0), axis=2)
+    speeds = moving.max(1) / np.diff(t)
+    assert speeds.max() <= 0.2505
+    assert speeds.max() > 0.24
+
+
+def test_joint_line_keeps_to_the_line():
+    rng = np.random.default_rng(5)
+    start, goal = rng.uniform(-1, 1, 13), rng.uniform(-1, 1, 13)
+    t, q, v, duration = time_line(start, goal, LIMITS, 0.015, 0.008)
+    along = (q - start) @ (goal - start) / np.sum((goal - start) ** 2)
+    assert np.abs(q - start - along[:, None] * (goal - start)).max() < 1e-12
+    assert np.all(np.array(hermite_ratios(t, q, v)) <= 1.0)
+    assert jerk_free_line_time(start, goal, LIMITS) < duration <= t[-1]
+
+
+def test_joint_line_of_no_length_takes_no_time():
+    t, q, v, duration = time_line(np.ones(13), np.ones(13), LIMITS, 0.015, 0.008)
+    assert duration == 0.0 and len(t) == len(q) == len(v) == 1
+
+
+def test_impossible_limits_are_refused_with_a_reason():
+    import dataclasses as dc
+
+    broken = dc.replace(LIMITS, jerk=np.zeros(13))
+    with pytest.raises(NoSafePlanError, match="jerk-limited"):
+        time_line(np.zeros(13), np.ones(13), broken, 0.0, 0.008)
+
+
+def test_ruckigs_cloud_features_are_never_used(repository):
+    """Intermediate waypoints and per-section limits make ruckig call a server."""
+    for path in [
+        p for f in ("planning", "hardware", "systems") for p in (repository / f).glob("*.py")
+    ]:
+        text = path.read_text()
+        assert ".intermediate_positions" not in text and ".per_section" not in text, path

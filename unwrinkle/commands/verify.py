@@ -1,0 +1,64 @@
+"""``unwrinkle verify``: check a plan independently of the planner, on the samples that will be sent."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from unwrinkle.models.errors import NoSafePlanError
+
+#: Columns of a table that is not shown in a terminal.
+_WIDTH = 120
+_NUMBERS = ("worst", "limit", "margin", "nearest", "proven", "required")
+
+
+def verify(
+    plan: Annotated[Path, typer.Argument(metavar="PLAN", help="A plan made by `unwrinkle plan`.")],
+    scenario: Annotated[
+        Path | None, typer.Option(help="The cell it is to run in; the shipped one if left out.")
+    ] = None,
+    json: Annotated[Path | None, typer.Option(help="Write the whole verdict here.")] = None,
+) -> None:
+    """Verify a plan and print every check with its margin; exit code 3 if it is not safe."""
+    from rich.console import Console
+
+    from unwrinkle.models.files import write_json
+    from unwrinkle.models.robot import load_cell
+    from unwrinkle.models.scenario import load_scenario
+    from unwrinkle.planning.plan import FlatteningPlan
+    from unwrinkle.planning.verification import verify as verify_plan
+
+    cell = load_cell(load_scenario(scenario))
+    loaded = FlatteningPlan.load(plan)
+    loaded.check_made_for(cell)
+    verdict = verify_plan(loaded, cell)
+    if json is not None:
+        write_json(json, verdict.to_json())
+    console = Console()
+    if not console.is_terminal:
+        console.width = _WIDTH
+    checks = ("check", "result", "worst", "limit", "margin", "where")
+    _print(console, "Checks", checks, verdict.rows())
+    pairs = ("bodies", "kind", "nearest", "proven", "required", "when")
+    _print(console, "Nearest to their padding", pairs, verdict.clearance_rows())
+    for violation in verdict.violations:
+        console.print(
+            f"[bold]{violation.kind.replace('_', ' ')}[/bold]: {violation.message}", highlight=False
+        )
+    if not verdict.passed:
+        raise NoSafePlanError(verdict.summary())
+    console.print(verdict.summary(), highlight=False)
+
+
+def _print(console, title, columns, rows) -> None:  # type: ignore[no-untyped-def]
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=box.SIMPLE)
+    for column in columns:
+        table.add_column(
+            column, justify="right" if column in _NUMBERS else "left", no_wrap=column != "where"
+        )
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)

@@ -1,0 +1,108 @@
+"""The cell in a Meshcat scene: bodies as they look and as the collision checks see them."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import (
+    Meshcat,
+    MeshcatParams,
+    MeshcatVisualizer,
+    MeshcatVisualizerParams,
+    Rgba,
+    Role,
+)
+from pydrake.planning import RobotDiagramBuilder
+
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.robot import Cell, add_cell, position_indices
+
+Array = NDArray[np.float64]
+
+ILLUSTRATION = "illustration"
+PROXIMITY = "proximity"
+#: Camera and what it looks at in the first view: from the front of the robot, to its left; world, m.
+OVERVIEW = ((0.95, -3.35, 2.15), (0.0, -0.72, 0.92))
+_PROXIMITY_COLOUR = (0.9, 0.1, 0.1, 0.3)
+
+
+def start_meshcat(host: str = "localhost", port: int | None = None) -> Any:
+    """Start a Meshcat server with our background and first view.
+
+    Args:
+        host: address to listen on; "*" for all.
+        port: None for the first free one from 7000 on.
+
+    Raises:
+        InputError: it cannot listen there.
+    """
+    params = MeshcatParams()
+    params.host, params.port, params.show_stats_plot = host, port, False
+    try:
+        meshcat = Meshcat(params)
+    except (RuntimeError, ValueError) as error:
+        raise InputError(f"no viewer on {host}, port {port or '7000 and up'}: {error}") from None
+    meshcat.SetProperty("/Background", "top_color", [0.93, 0.95, 0.98])
+    meshcat.SetProperty("/Background", "bottom_color", [0.74, 0.78, 0.83])
+    meshcat.SetProperty("/Grid", "visible", False)
+    meshcat.SetProperty("/Axes", "visible", False)
+    camera = Meshcat.PerspectiveCamera()
+    camera.fov = 42.0
+    meshcat.SetCamera(camera)
+    meshcat.SetCameraPose(*(np.array(point) for point in OVERVIEW))
+    return meshcat
+
+
+class CellScene:
+    """A cell shown in a Meshcat, in two layers: `illustration` and `proximity` (red, see-through)."""
+
+    def __init__(self, cell: Cell, meshcat: Any, *, proximity_visible: bool = False) -> None:
+        """Send the cell's geometry, with the robot in its default position.
+
+        Raises:
+            InputError: the cell's models cannot be read.
+        """
+        builder = RobotDiagramBuilder(time_step=0.0)
+        add_cell(cell, builder.plant(), builder.parser())
+        for role, prefix, visible in (
+            (Role.kIllustration, ILLUSTRATION, True),
+            (Role.kProximity, PROXIMITY, proximity_visible),
+        ):
+            params = MeshcatVisualizerParams()
+            params.role, params.prefix, params.visible_by_default = role, prefix, visible
+            params.default_color = Rgba(*_PROXIMITY_COLOUR)
+            MeshcatVisualizer.AddToBuilder(
+                builder.builder(), builder.scene_graph(), meshcat, params
+            )
+        self._diagram = builder.Build()
+        self.meshcat = meshcat
+        self.plant = self._diagram.plant()
+        self._context = self._diagram.CreateDefaultContext()
+        self._plant_context = self.plant.GetMyMutableContextFromRoot(self._context)
+        self.indices = position_indices(cell, self.plant)
+        self._tips = [
+            self.plant.GetFrameByName("tcp", self.plant.GetModelInstanceByName(f"{arm}_gripper"))
+            for arm in ("r1", "r2")
+        ]
+        self._diagram.ForcedPublish(self._context)
+
+    def move(self, axes: Array, openings: Array) -> None:
+        """Set the thirteen axes (rad) and the two gripper openings (m) without showing it yet."""
+        q = self.plant.GetPositions(self._plant_context)
+        q[self.indices.axes] = axes
+        q[self.indices.grippers] = openings
+        self.plant.SetPositions(self._plant_context, q)
+
+    def set_positions(self, q: Array) -> None:
+        """Set all positions of the plant, in its order, without showing it yet."""
+        self.plant.SetPositions(self._plant_context, q)
+
+    def publish(self, time: float = 0.0) -> None:
+        """Show the position; `time` (s) is its place in a recording, if one runs."""
+        self._context.SetTime(time)
+        self._diagram.ForcedPublish(self._context)
+
+    def tips(self) -> Array:
+        """X_WT (2, 4, 4) of the right and the left tool centre point in the position that is set."""
+        poses = [frame.CalcPoseInWorld(self._plant_context) for frame in self._tips]
+        return np.array([pose.GetAsMatrix4() for pose in poses])

@@ -1,0 +1,114 @@
+"""Small triangle meshes for the browser: tubes, arrows, triads. All in metres, world frame."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Faces = NDArray[np.int32]
+Mesh = tuple[Array, Faces]
+
+_SIDES = 10
+_AXIS_COLOURS = np.array([[0.90, 0.20, 0.15], [0.20, 0.65, 0.20], [0.15, 0.35, 0.90]])
+
+
+def tube(points: NDArray[np.floating[Any]], radii: float | Array, *, capped: bool = True) -> Mesh:
+    """Tube around a polyline.
+
+    Args:
+        points: (N, 3), N >= 2.
+        radii: one radius, or (N,) a radius at each point.
+        capped: whether both ends are closed by a disc.
+
+    Returns:
+        Vertices (V, 3) and triangles (F, 3), seen from outside anticlockwise.
+
+    Raises:
+        ValueError: fewer than two points, or all in one place.
+    """
+    p = np.asarray(points, dtype=float)
+    r = np.broadcast_to(np.asarray(radii, dtype=float), (len(p),))
+    if len(p) < 2:
+        raise ValueError("a tube needs at least two points")
+    tangents = np.gradient(p, axis=0)
+    along = np.linalg.norm(tangents, axis=1, keepdims=True)
+    if not along.max() > 0.0:
+        raise ValueError("a tube needs points in different places")
+    tangents = np.where(along > 1e-12, tangents / np.maximum(along, 1e-12), tangents[along.argmax()])
+    ring = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
+    u = _perpendicular(tangents[0])
+    vertices = np.empty((len(p), _SIDES, 3))
+    for i, t in enumerate(tangents):
+        # Carried along the line, so that the rings do not twist against each other.
+        u = u - t * (u @ t)
+        u = u / np.linalg.norm(u) if np.linalg.norm(u) > 1e-9 else _perpendicular(t)
+        v = np.cross(t, u)
+        vertices[i] = p[i] + r[i] * (np.outer(np.cos(ring), u) + np.outer(np.sin(ring), v))
+    k = np.arange(_SIDES)
+    after = (k + 1) % _SIDES
+    faces = []
+    for i in range(len(p) - 1):
+        a, b = i * _SIDES, (i + 1) * _SIDES
+        faces.append(np.column_stack([a + k, a + after, b + after]))
+        faces.append(np.column_stack([a + k, b + after, b + k]))
+    flat = vertices.reshape(-1, 3)
+    if capped:
+        last = (len(p) - 1) * _SIDES
+        flat = np.vstack([flat, p[0], p[-1]])
+        faces.append(np.column_stack([np.full(_SIDES, len(flat) - 2), after, k]))
+        faces.append(np.column_stack([np.full(_SIDES, len(flat) - 1), last + k, last + after]))
+    return flat, np.concatenate(faces).astype(np.int32)
+
+
+def arrow(
+    tail: NDArray[np.floating[Any]],
+    tip: NDArray[np.floating[Any]],
+    radius: float,
+    *,
+    head_radius: float,
+    head_length: float,
+) -> Mesh:
+    """Arrow from tail to tip, (3,) each; the head takes at most 60 % of its length.
+
+    Raises:
+        ValueError: tail and tip coincide.
+    """
+    a, b = np.asarray(tail, dtype=float), np.asarray(tip, dtype=float)
+    length = float(np.linalg.norm(b - a))
+    if not length > 0.0:
+        raise ValueError("an arrow needs a length")
+    neck = b - (b - a) * min(head_length / length, 0.6)
+    shaft = tube(np.array([a, neck]), radius)
+    head = tube(np.array([neck, b]), np.array([head_radius, 0.02 * head_radius]))
+    return join([shaft, head])
+
+
+def join(meshes: list[Mesh]) -> Mesh:
+    """One mesh of several."""
+    offsets = np.cumsum([0] + [len(vertices) for vertices, _ in meshes[:-1]])
+    faces = [f + offset for (_, f), offset in zip(meshes, offsets, strict=True)]
+    return np.concatenate([v for v, _ in meshes]), np.concatenate(faces).astype(np.int32)
+
+
+def triad(X_WF: Array, length: float, radius: float) -> tuple[Array, Faces, Array]:
+    """Axes of a frame, red x, green y, blue z.
+
+    Args:
+        X_WF: (4, 4) pose of the frame.
+        length: of each axis.
+        radius: of each axis.
+
+    Returns:
+        Vertices (V, 3), triangles (F, 3) and colours (V, 3) in 0..1.
+    """
+    origin = X_WF[:3, 3]
+    axes = [tube(np.array([origin, origin + length * X_WF[:3, k]]), radius) for k in range(3)]
+    vertices, faces = join(axes)
+    return vertices, faces, np.repeat(_AXIS_COLOURS, len(vertices) // 3, axis=0)
+
+
+def _perpendicular(direction: Array) -> Array:
+    other = np.eye(3)[int(np.abs(direction).argmin())]
+    u = np.cross(direction, other)
+    return np.asarray(u / np.linalg.norm(u))
