@@ -90,6 +90,14 @@ class Cell:
             )
         return digest.hexdigest()
 
+    @cached_property
+    def table_centre(self) -> NDArray[np.float64]:
+        """Centre (3,) of the working table's top surface in the world, m."""
+        plant = build_robot_diagram(self).plant()
+        instance, name = scoped(self.scenario.table.frame)
+        frame = plant.GetFrameByName(name, plant.GetModelInstanceByName(instance))
+        return np.asarray(frame.CalcPoseInWorld(plant.CreateDefaultContext()).translation())
+
     def with_speed(self, fraction: float) -> "Cell":
         """The same cell, with plans at another fraction of the catalogue velocity, acceleration, jerk."""
         return load_cell(dc.replace(self.scenario, speed=fraction))

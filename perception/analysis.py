@@ -52,6 +52,12 @@ class Analysis:
         return max((w.pull_distance(self.mode) for w in self.wrinkles), default=0.0)
 
     @property
+    def worth_pulling(self) -> list[int]:
+        """Indices of the wrinkles at or above the profile's halting pull, largest first."""
+        halting = self.profile.halting_pull
+        return [i for i, w in enumerate(self.wrinkles) if w.pull_distance(self.mode) >= halting]
+
+    @property
     def flat(self) -> bool:
         """Whether every wrinkle is below the profile's halting pull: the garment is done."""
         return self.halting_measure < self.profile.halting_pull
@@ -96,11 +102,10 @@ class Analysis:
     def targets(self) -> list[tuple[int, FlatteningTarget]]:
         """All targets, (index, target), of wrinkles above the halting pull, largest first."""
         found = []
-        for index, wrinkle in enumerate(self.wrinkles):
-            if wrinkle.pull_distance(self.mode) >= self.profile.halting_pull:
-                target = self.target_for(index)
-                if isinstance(target, FlatteningTarget):
-                    found.append((index, target))
+        for index in self.worth_pulling:
+            target = self.target_for(index)
+            if isinstance(target, FlatteningTarget):
+                found.append((index, target))
         return found
 
     def to_json(self, *, points: bool = False) -> dict[str, Any]:

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from unwrinkle.perception.noise import NoiseProfile
 from unwrinkle.perception.surface import (
@@ -104,8 +105,9 @@ def contour_points(surface: Surface) -> Mask:
 def link(ridge: Mask, surface: Surface, profile: NoiseProfile) -> list[Line]:
     """Link ridge points into lines, one per wrinkle.
 
-    The points are thinned, cut at pixels with three branches, and traced into pieces; short pieces
-    in the middle of a crossing, which run along neither of its ridges, are dropped. Two ends are
+    The points are thinned, cut at pixels with three branches, and traced into pieces. What runs
+    along neither ridge in the middle of a crossing is dropped: short pieces between two pairs of
+    other ends, and bends from one ridge into the other where another piece ends. Two ends are
     joined (Eq. 1: the nearest in the same ridge region first) if they are at most `link_gap` apart,
     both tangents (of the last 1-2 cm) and the gap run the same way within `linking_cosine`, and
     the gap lies in one ridge region.
@@ -115,7 +117,15 @@ def link(ridge: Mask, surface: Surface, profile: NoiseProfile) -> list[Line]:
     """
     shortest = PIECE_SHARE * profile.wrinkle_length / surface.resolution
     pieces = [line for line in _pieces(_thin(ridge)) if _extent(line) >= shortest]
-    pieces = _without_bridges(pieces, profile.link_gap / surface.resolution)
+    gap = profile.link_gap / surface.resolution
+    pieces = _without_bridges(pieces, gap)
+    ends = np.array([piece[side] for piece in pieces for side in (0, -1)]).reshape(-1, 2)
+    pieces = [
+        part
+        for piece in pieces
+        for part in _cut_at_kinks(piece, ends, gap, profile.linking_cosine)
+        if _extent(part) >= shortest
+    ]
     lines = _chains(pieces, _joints(pieces, surface, profile))
     least = profile.wrinkle_length / surface.resolution
     return [line for line in lines if _extent(line) >= least]
@@ -197,6 +207,26 @@ def _without_bridges(pieces: list[Line], gap: float) -> list[Line]:
         for i, piece in enumerate(pieces)
         if _extent(piece) > 2.0 * gap or min(branches(2 * i), branches(2 * i + 1)) < 2
     ]
+
+
+def _cut_at_kinks(piece: Line, ends: Line, gap: float, least: float) -> list[Line]:
+    """Cut a piece where it bends from one ridge of a crossing into the other, and lose the bend.
+
+    That is where its directions over a gap's length before and after differ by more than the cosine
+    `least` allows, and another piece ends close by. A bend alone is a curved wrinkle.
+    """
+    span = round(0.8 * gap)
+    if len(piece) < 3 * span:
+        return [piece]
+    back = piece[span:-span] - piece[: -2 * span]
+    ahead = piece[2 * span :] - piece[span:-span]
+    cosine = np.sum(back * ahead, axis=1) / (np.hypot(*back.T) * np.hypot(*ahead.T))
+    kink = span + int(np.argmin(cosine))
+    others = ends[np.min(cdist(ends, piece[[0, -1]]), axis=1) > 0.0]
+    if float(cosine.min()) >= least or not np.any(cdist(others, piece[[kink]]) <= 0.5 * gap):
+        return [piece]
+    parts = piece[: kink - span // 2], piece[kink + span // 2 :]
+    return [part for half in parts for part in _cut_at_kinks(half, ends, gap, least)]
 
 
 def _outward_tangent(line: Line, length: float) -> NDArray[np.float64]:

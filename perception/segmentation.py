@@ -137,7 +137,7 @@ def _least_area(size: int) -> int:
 
 def _by_depth(smooth: NDArray[np.float32], seen: Mask, profile: NoiseProfile) -> tuple[Mask, Mask]:
     """Hysteresis on height: the weak mask grown from the strong one, and the strong core."""
-    strong = (smooth > profile.garment_height) & seen
+    strong = smooth > profile.garment_height
     weak = (smooth > 0.5 * profile.garment_height).astype(np.uint8)
     weak = np.asarray(cv2.morphologyEx(weak, cv2.MORPH_OPEN, _disc(3)), dtype=np.uint8)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(weak)
@@ -150,7 +150,7 @@ def _by_depth(smooth: NDArray[np.float32], seen: Mask, profile: NoiseProfile) ->
     mask: Mask = good[labels]
     if np.count_nonzero(mask) < _least_area(smooth.size):
         mask = np.zeros_like(mask)
-    return mask, mask & strong
+    return mask, mask & strong & seen
 
 
 def _disc(radius: int) -> NDArray[np.uint8]:

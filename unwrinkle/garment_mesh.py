@@ -130,9 +130,7 @@ def _colours(
     return np.round(np.column_stack(means)).astype(np.uint8)
 
 
-def _outline(
-    range_map: RangeMap, outline: NDArray[np.floating[Any]] | None
-) -> NDArray[np.float32]:
+def _outline(range_map: RangeMap, outline: NDArray[np.floating[Any]] | None) -> NDArray[np.float32]:
     if outline is None:
         borders, _ = cv2.findContours(
             range_map.garment.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE

@@ -20,6 +20,8 @@ POLICY = (
     "worker-src blob: data:"
 )
 _MOST_LINES = 8
+#: Longest pull arrow that is drawn magnified, m.
+_PULL_ARROW = 0.13
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,16 @@ class Colours:
     pull: str
     arms: tuple[str, str]
     poses: tuple[str, ...]
+
+
+def pull_magnification(plan: FlatteningPlan) -> int:
+    """How many times their length pull arrows are drawn: 5, or fewer where they would get too long."""
+    longest = max(
+        choice.share * plan.target.hands[choice.side].pull_distance
+        for choice in plan.arms
+        if choice is not None
+    )
+    return max(1, min(5, int(_PULL_ARROW / max(longest, 1e-6))))
 
 
 def page_with_overlay(
@@ -65,6 +77,7 @@ def page_with_overlay(
         "duration": playback.duration,
         "views": _views(plan, points),
         "times": [step.time for step in playback.steps],
+        "labels": _labels(plan),
     }
     parts = {
         "title": escape(title),
@@ -82,11 +95,15 @@ def page_with_overlay(
     for key, value in parts.items():
         panel = panel.replace(f"@@{key}@@", value)
     heading = f"Flattening plan {short}" + (f": {title}" if title else "")
-    policy = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
-    page = page.replace("<title>Drake MeshCat</title>", f"<title>{escape(heading)}</title>", 1)
-    page = page.replace("<meta charset=utf-8>", f"<meta charset=utf-8>\n  {policy}", 1)
-    before, body, after = page.rpartition("</body>")
+    before, body, after = closed_page(page, heading).rpartition("</body>")
     return f"{before}{panel}\n{body}{after}"
+
+
+def closed_page(page: str, title: str) -> str:
+    """Give a page of Meshcat's `StaticHtml` a title, and forbid it every request."""
+    policy = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+    page = page.replace("<title>Drake MeshCat</title>", f"<title>{escape(title)}</title>", 1)
+    return page.replace("<meta charset=utf-8>", f"<meta charset=utf-8>\n  {policy}", 1)
 
 
 def _verdict(summary: "PreviewSummary") -> str:
@@ -108,9 +125,9 @@ def _facts(plan: FlatteningPlan, playback: Playback) -> str:
         for name, choice in zip(("right", "left"), plan.arms, strict=True)
         if choice is not None
     ]
+    lasts = f"motion {plan.motion_time:.2f} s, with the grippers {playback.duration:.2f} s"
     facts = [
-        f"{arms}; motion {plan.motion_time:.2f} s, with the grippers {playback.duration:.2f} s, "
-        f"at {plan.speed:.0%} of the catalogue speed",
+        f"{arms}; {lasts}, at {plan.speed:.0%} of the catalogue speed",
         f"pull {' and '.join(pulls)}",
     ]
     if plan.note:
@@ -135,12 +152,13 @@ def _steps(playback: Playback, colours: Colours) -> str:
 
 def _layers(plan: FlatteningPlan, colours: Colours) -> str:
     seen = plan.garment is not None
+    times = pull_magnification(plan)
     layers = [
         ("plan/garment", "garment as it was seen", "#b0a090", True, seen),
         ("plan/outline", "its contour", colours.outline, True, seen),
         ("plan/wrinkle", "the wrinkle's ridge line", colours.ridge, True, True),
         ("plan/grasp", "grasp: the fingers' way in", colours.grasp, True, True),
-        ("plan/pull", "pull: true direction and length", colours.pull, True, True),
+        ("plan/pull", f"pull, {times} times as long", colours.pull, True, True),
         ("plan/poses", "the seven poses of each tool", colours.poses[3], True, True),
         ("plan/tip path", "ways of the fingertips (right, left)", colours.arms, True, True),
         (ILLUSTRATION, "robot and cell", "#2a5ca8", True, True),
@@ -157,6 +175,21 @@ def _layers(plan: FlatteningPlan, colours: Colours) -> str:
             f'<label><input type="checkbox" data-layer="{path}"{checked}>{marks}{text}</label>'
         )
     return "".join(rows)
+
+
+def _labels(plan: FlatteningPlan) -> list[dict[str, object]]:
+    """Texts and the points in the world, m, that they stand at."""
+    labels: list[dict[str, object]] = []
+    for name, choice in zip(("right", "left"), plan.arms, strict=True):
+        if choice is not None:
+            hand = plan.target.hands[choice.side]
+            pull = choice.share * hand.pull_distance
+            x, y = (
+                hand.p_WG[:2] - (0.05 + 0.5 * pull_magnification(plan) * pull) * hand.pull_direction
+            )
+            point = [float(x), float(y), float(hand.p_WG[2]) + 0.03]
+            labels.append({"text": f"{name} pull {1e3 * pull:.1f} mm", "point": point})
+    return labels
 
 
 def _views(plan: FlatteningPlan, points: list[list[float]]) -> dict[str, list[list[float]]]:

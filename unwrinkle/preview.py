@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydrake.geometry import MeshcatAnimation, Rgba
 
 from unwrinkle.models.robot import Cell
-from unwrinkle.overlay import Colours, page_with_overlay
+from unwrinkle.overlay import Colours, page_with_overlay, pull_magnification
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.poses import approach_direction
 from unwrinkle.planning.verification_verdict import Verdict
@@ -161,10 +161,11 @@ class PlanScene:
             pull = choice.share * hand.pull_distance
             if pull <= 0.0:
                 continue
-            # Drawn inside the grasp point, over the cloth, where no gripper hides it; length as pulled.
+            # Drawn inside the grasp point, over the cloth, where no gripper hides it.
             along = np.append(hand.pull_direction, 0.0)
             end = hand.p_WG - 0.03 * along + [0.0, 0.0, 0.03]
-            shape = arrow(end - pull * along, end, 0.006, head_radius=0.014, head_length=0.022)
+            tail = end - pull_magnification(self._plan) * pull * along
+            shape = arrow(tail, end, 0.005, head_radius=0.014, head_length=0.03)
             self._mesh(f"pull/{name}", shape, COLOURS.pull)
 
     def _draw_poses(self) -> None:
@@ -176,9 +177,7 @@ class PlanScene:
                     continue
                 path = f"plan/poses/{name}/{k + 1} {step.name}"
                 vertices, faces, colours = triad(X_WT, 0.035, 0.0016)
-                self._meshcat.SetTriangleColorMesh(
-                    f"{path}/axes", vertices.T, faces.T, colours.T
-                )
+                self._meshcat.SetTriangleColorMesh(f"{path}/axes", vertices.T, faces.T, colours.T)
                 marker = tube(
                     X_WT[:3, 3] + np.outer([-0.006, 0.0, 0.006], X_WT[:3, 2]),
                     np.array([0.0005, 0.006, 0.0005]),

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 ILLUSTRATION = "illustration"
 PROXIMITY = "proximity"
 #: Camera and what it looks at in the first view: from the front of the robot, to its left; world, m.
-OVERVIEW = ((0.95, -3.35, 2.15), (0.0, -0.72, 0.92))
+OVERVIEW = ((0.62, -3.15, 2.45), (-0.15, -0.80, 0.93))
 _PROXIMITY_COLOUR = (0.9, 0.1, 0.1, 0.3)
 
 
@@ -42,8 +42,11 @@ def start_meshcat(host: str = "localhost", port: int | None = None) -> Any:
         meshcat = Meshcat(params)
     except (RuntimeError, ValueError) as error:
         raise InputError(f"no viewer on {host}, port {port or '7000 and up'}: {error}") from None
-    meshcat.SetProperty("/Background", "top_color", [0.93, 0.95, 0.98])
-    meshcat.SetProperty("/Background", "bottom_color", [0.74, 0.78, 0.83])
+    meshcat.SetProperty("/Background/<object>", "top_color", [0.94, 0.96, 0.98])
+    meshcat.SetProperty("/Background/<object>", "bottom_color", [0.70, 0.75, 0.80])
+    # Primitives have large plain faces: without more light from everywhere the shaded ones look black.
+    meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 0.8)
+    meshcat.SetProperty("/Lights/FillLight/<object>", "intensity", 0.7)
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
     camera = Meshcat.PerspectiveCamera()
@@ -92,6 +95,10 @@ class CellScene:
         q[self.indices.axes] = axes
         q[self.indices.grippers] = openings
         self.plant.SetPositions(self._plant_context, q)
+
+    def positions(self) -> Array:
+        """All positions of the plant, in its order."""
+        return np.asarray(self.plant.GetPositions(self._plant_context), dtype=float)
 
     def set_positions(self, q: Array) -> None:
         """Set all positions of the plant, in its order, without showing it yet."""

@@ -35,7 +35,9 @@ def tube(points: NDArray[np.floating[Any]], radii: float | Array, *, capped: boo
     along = np.linalg.norm(tangents, axis=1, keepdims=True)
     if not along.max() > 0.0:
         raise ValueError("a tube needs points in different places")
-    tangents = np.where(along > 1e-12, tangents / np.maximum(along, 1e-12), tangents[along.argmax()])
+    tangents = np.where(
+        along > 1e-12, tangents / np.maximum(along, 1e-12), tangents[along.argmax()]
+    )
     ring = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
     u = _perpendicular(tangents[0])
     vertices = np.empty((len(p), _SIDES, 3))
