@@ -114,10 +114,10 @@ def ridged_towel(seed: int) -> Towel:
 
 
 def crossed_towel(seed: int) -> Towel:
-    """A towel with two Gaussian ridges that cross at 30 to 90 degrees."""
+    """A towel with two Gaussian ridges that cross at 40 to 90 degrees."""
     rng = np.random.default_rng(seed)
     angle = rng.uniform(-math.pi / 2, math.pi / 2)
-    turn = rng.uniform(math.radians(30.0), math.pi / 2)
+    turn = rng.uniform(math.radians(40.0), math.pi / 2)
     ridges = tuple(
         Ridge(centre=CENTRE, angle=a, height=1.2 * sigma, sigma=sigma, length=0.36)
         for a, sigma in ((angle, rng.uniform(0.009, 0.013)), (angle + turn, 0.011))

@@ -107,21 +107,21 @@ def best_overlap(mask: NDArray[np.bool_], outlines: list[NDArray[np.float64]]) -
     zoom = np.sqrt(area / drawn_rows.size) * coarse
     filled = np.zeros(mask.shape, np.uint8)
 
-    def overlap(x: NDArray[np.float64]) -> float:
+    def cost(x: NDArray[np.float64]) -> float:
         c, s = np.cos(x[1]) * x[0] * zoom, np.sin(x[1]) * x[0] * zoom
         turn = np.array([[c, s], [-s, c]])
         filled[:] = 0
         _fill(filled, [(outline - middle) @ turn + x[2:] for outline in outlines])
         both = np.count_nonzero(filled.astype(bool) & mask)
         either = np.count_nonzero(filled) + area - both
-        return both / max(either, 1.0)
+        return -both / max(either, 1.0)
 
     best = 0.0
     for angle in np.radians((-6.0, 0.0, 6.0)):
         origin = np.array([1.0, angle, *aim])
         simplex = origin + np.vstack([np.zeros(4), np.diag([0.05, 0.05, 8.0, 8.0])])
-        options = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-5, "maxiter": 400}
-        found = minimize(lambda x: -overlap(x), origin, method="Nelder-Mead", options=options)
+        options: Any = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-5, "maxiter": 400}
+        found = minimize(cost, origin, method="Nelder-Mead", options=options)
         best = max(best, -float(found.fun))
     return best
 

@@ -288,10 +288,11 @@ def _pose_of(
 
 
 def _check_pose(pose: NDArray[np.float64], name: str) -> None:
-    good = pose.shape == (4, 4) and np.isfinite(pose).all()
+    good = pose.shape == (4, 4) and bool(np.isfinite(pose).all())
     if good:
         R_WC = pose[:3, :3]
-        good = np.allclose(R_WC @ R_WC.T, np.eye(3), atol=1e-6) and np.linalg.det(R_WC) > 0.0
+        good = np.allclose(R_WC @ R_WC.T, np.eye(3), atol=1e-6)
         good = good and np.allclose(pose[3], [0.0, 0.0, 0.0, 1.0])
+        good = good and float(np.linalg.det(R_WC)) > 0.0
     if not good:
         raise InputError(f"{name}: the camera's pose X_WC is no rigid motion (4, 4)")

@@ -63,7 +63,7 @@ def align_colour(
 
     start = np.array([coarse[0], 0.0, coarse[1], coarse[2]])
     simplex = start + np.vstack([np.zeros(4), np.diag([0.03, 0.02, 0.02, 0.02])])
-    options = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-5, "maxiter": 250}
+    options: Any = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-5, "maxiter": 250}
     found = minimize(cost, start, method="Nelder-Mead", options=options)
     away = np.abs(found.x - _PRIOR_MIDDLE) / _PRIOR_SPREAD
     if -found.fun < _LEAST_CORRELATION or away.max() > _FARTHEST:

@@ -210,8 +210,8 @@ def _grab_cut_first(colour: NDArray[np.uint8], core: Mask, mask: Mask, seed: int
 def _edge_strength(lab: NDArray[Any], mask: Mask) -> float:
     """Mean colour step along the mask's outline, less the share of the frame that it covers."""
     blurred = cv2.GaussianBlur(lab, (0, 0), 1.5).astype(np.float32)
-    steps = [cv2.Sobel(blurred, cv2.CV_32F, *order) for order in ((1, 0), (0, 1))]
-    gradient = np.sqrt(sum((step**2).sum(axis=-1) for step in steps))
+    right, down = (np.asarray(cv2.Sobel(blurred, cv2.CV_32F, i, 1 - i)) for i in (1, 0))
+    gradient = np.sqrt((right**2 + down**2).sum(axis=-1))
     near = cv2.dilate(np.minimum(gradient, np.percentile(gradient, 95.0)), _disc(2))
     outline = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_GRADIENT, _disc(1)) > 0
     outline[[0, 1, -2, -1], :] = False
@@ -227,7 +227,8 @@ def _density(lab: NDArray[Any], where: NDArray[np.bool_]) -> NDArray[np.float32]
     bins = (lab >> 4).astype(np.intp)
     index = (bins[..., 0] * 16 + bins[..., 1]) * 16 + bins[..., 2]
     counts = np.bincount(index[where], minlength=4096).reshape(16, 16, 16)
-    smooth = gaussian_filter(counts.astype(np.float32), 1.2) / max(1, np.count_nonzero(where))
+    number = max(1.0, float(where.sum()))
+    smooth = np.asarray(gaussian_filter(counts.astype(np.float32), 1.2)) / np.float32(number)
     density: NDArray[np.float32] = smooth.ravel()[index]
     return density
 

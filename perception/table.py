@@ -86,7 +86,7 @@ def fit_table(
                 f"{np.count_nonzero(on) / rows.size:.0%} of the readings agree on one); "
                 "show more of a flat table around the garment"
             )
-        plane = np.linalg.lstsq(rays[on], inverse[on], rcond=None)[0]
+        plane = np.asarray(np.linalg.lstsq(rays[on], inverse[on], rcond=None)[0], dtype=float)
     length = float(np.linalg.norm(plane))
     tilt = np.degrees(np.arccos(np.clip(plane[2] / length, -1.0, 1.0)))
     if tilt > _STEEPEST:
@@ -127,15 +127,15 @@ def _consensus(
         three = rng.choice(inverse.size, 3, replace=False)
         if abs(np.linalg.det(rays[three])) < 1e-4:
             continue
-        plane = np.linalg.solve(rays[three], inverse[three])
+        plane = np.asarray(np.linalg.solve(rays[three], inverse[three]), dtype=float)
         if plane[2] <= 0.0:
             continue
         height = _heights(rays, inverse, plane)
         # The garment lies above: readings under the plane speak against it, those above do not.
-        score = np.count_nonzero(np.abs(height) < band)
-        score -= 0.5 * np.count_nonzero((height < -2.0 * band) & (height > -0.1))
+        below = (height < -2.0 * band) & (height > -0.1)
+        score = float(np.count_nonzero(np.abs(height) < band) - 0.5 * np.count_nonzero(below))
         if score > best_score:
-            best, best_score = plane, float(score)
+            best, best_score = plane, score
     return best
 
 

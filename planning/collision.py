@@ -1,6 +1,8 @@
 """Collision checking of the cell, with one clearance per pair of bodies and a step that nothing can slip through."""
 
+from collections.abc import Iterator
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +14,6 @@ from pydrake.planning import LinearDistanceAndInterpolationProvider, SceneGraphC
 from unwrinkle.models.robot import ROBOT_INSTANCES, Cell, build_robot_diagram, position_indices
 
 Array = NDArray[np.float64]
-
-_CARRIER = frozenset({"r750", "r750_base", "base_link", "mast"})
 
 
 class CollisionModel:
@@ -137,30 +137,41 @@ def axis_reach(cell: Cell) -> Array:
     plant, scene_graph = diagram.plant(), diagram.scene_graph()
     inspector = scene_graph.model_inspector()
 
-    def radius(instance: str, name: str) -> float:
-        body = plant.GetBodyByName(name, plant.GetModelInstanceByName(instance))
-        frame = plant.GetBodyFrameIdOrThrow(body.index())
-        radii = [0.0]
-        for geometry in inspector.GetGeometries(frame, Role.kProximity):
-            centre = inspector.GetPoseInFrame(geometry).translation()
-            radii.append(
-                float(np.linalg.norm(centre)) + _shape_radius(inspector.GetShape(geometry))
-            )
-        return float(max(radii))
+    def shapes(instance: str, *names: str) -> Iterator[tuple[Array, Any]]:
+        """Centre in the body's frame and shape of the bodies' collision geometry."""
+        for name in names:
+            body = plant.GetBodyByName(name, plant.GetModelInstanceByName(instance))
+            frame = plant.GetBodyFrameIdOrThrow(body.index())
+            for geometry in inspector.GetGeometries(frame, Role.kProximity):
+                yield (
+                    inspector.GetPoseInFrame(geometry).translation(),
+                    inspector.GetShape(geometry),
+                )
 
+    def radius(instance: str, *names: str) -> float:
+        """Greatest distance of a point of the bodies from their frames' origins."""
+        return max(
+            float(np.linalg.norm(c)) + _shape_radius(shape) for c, shape in shapes(instance, *names)
+        )
+
+    gripper = ("palm", "lower_finger", "upper_finger")
+    stroke = cell.limits.gripper.stroke
     rows = cell.robot.denavit_hartenberg
     # Lever of each link's origin seen from the joint before it; R turns about the line to B's origin, T about the flange's.
     shoulder, upper = np.hypot(rows[0].a, rows[0].d), rows[1].a
     fore, wrist = np.hypot(rows[2].a, rows[3].d), rows[4].a
     finger = cell.robot.tool_offset - 0.30 + rows[5].d
-    tip = finger + max(radius("r1_gripper", n) for n in ("palm", "lower_finger", "upper_finger"))
-    tip += cell.limits.gripper.stroke
+    tip = finger + radius("r1_gripper", *gripper) + stroke
     beyond_b = max(radius("r1", "link_6"), wrist + tip)
     beyond_u = max(radius("r1", "link_4"), radius("r1", "link_5") + rows[2].a, fore + beyond_b)
     beyond_l = max(radius("r1", "link_3"), upper + beyond_u)
     about_s = max(radius("r1", "link_2"), rows[0].a + beyond_l)
-    blade = max(0.0, 0.06)
-    arm = [about_s, beyond_l, beyond_u, max(beyond_b, rows[2].a), beyond_b, blade]
+    # The last axis turns the gripper about the palm's z axis.
+    turning = stroke + max(
+        float(np.hypot(*(np.abs(c) + 0.5 * np.asarray(shape.size()))[:2]))
+        for c, shape in shapes("r1_gripper", *gripper)
+    )
+    arm = [about_s, beyond_l, beyond_u, max(beyond_b, rows[2].a), beyond_b, turning]
     table = cell.robot.arm_offset + shoulder * np.sin(cell.robot.arm_cant) + about_s
     return np.array([table, *arm, *arm])
 

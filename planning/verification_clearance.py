@@ -1,9 +1,10 @@
 """Clearances between bodies, on samples and proven between them.
 
 Every pair of bodies has a clock S(t) that runs as fast as any point of one can move against the other (see
-`verification_bounds`). The distance of the pair cannot change faster than its clock. So if it is d0 at t0 and d1 at t1, it is
-nowhere in between less than (d0 + d1 - (S(t1) - S(t0))) / 2. Distances are measured at a few samples first, and then wherever
-that bound does not reach what is required, halving the interval, down into the cubic between two samples if need be.
+`verification_bounds`). The distance of the pair cannot change faster than its clock. So if it is at least d0 at t0 and d1 at
+t1, it is nowhere in between less than (d0 + d1 - (S(t1) - S(t0))) / 2. Distances are bounded from below at a few samples first
+(see `verification_shapes`), and then wherever that does not prove what is required, halving the interval, down into the cubic
+between two samples if need be.
 """
 
 from collections.abc import Sequence
@@ -15,15 +16,16 @@ from numpy.typing import NDArray
 from unwrinkle.planning.verification_bounds import distances_to_axes, speed_bounds
 from unwrinkle.planning.verification_model import BodyPair, CellModel
 from unwrinkle.planning.verification_motion import Leg
-from unwrinkle.planning.verification_verdict import Findings, PairClearance
+from unwrinkle.planning.verification_shapes import face_gaps, measure
+from unwrinkle.planning.verification_verdict import MEANT, Findings, PairClearance
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-#: Bodies further apart are not measured, m.
-SEARCH_DISTANCE = 0.200
-#: No two neighbouring first measurements are further apart than this in any pair's relative motion, m.
+#: Shapes whose bound is greater at every time looked at are not measured exactly, m.
+MEASURED = 0.150
+#: No two neighbouring first times are further apart than this in any pair's relative motion, m.
 FIRST_STEP = 0.080
 #: Below the padding by no more than this between two samples, m; never below contact.
 DIP = 1e-3
@@ -31,21 +33,28 @@ DIP = 1e-3
 MEASUREMENT = 1e-5
 #: How deep a finger may seem to sink into the working table where it is meant to touch it, m.
 CONTACT_DEPTH = 1e-4
-#: A pair within NEAR of its padding is measured until the proven bound is no further below the distance found than 0.3 of it,
+#: A pair within NEAR of its padding is looked at until the proven bound is no further below the distance found than 0.3 of it,
 #: but at least and at most by these, m.
 NEAR = 0.030
-RESOLUTION = (1e-3, 5e-3)
+RESOLUTION = (2e-3, 5e-3)
+#: Of two distances, what makes the smaller one worth measuring, m.
+WORTH = 1e-4
 #: Intervals are not halved below this, s.
 SHORTEST = 2e-5
 
 
 @dataclass(frozen=True, eq=False)
-class _Interval:
-    """Shape pairs whose distances are known at both ends of an interval of one leg."""
+class _Open:
+    """Intervals of time in which pairs of shapes are not yet proven to keep apart, (m,) each."""
 
-    times: tuple[float, float]
+    begin: Array
+    end: Array
+    d0: Array
+    d1: Array
     shapes: Indices
-    distances: tuple[Array, Array]
+
+    def __getitem__(self, mask: Mask) -> "_Open":
+        return _Open(*(a[mask] for a in (self.begin, self.end, self.d0, self.d1, self.shapes)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,12 +91,7 @@ def check_clearances(
 class _Search:
     def __init__(self, model: CellModel, taking_part: tuple[bool, bool]) -> None:
         self._model = model
-        self._pair_of = np.array([pair for _, _, pair in model.geometries], dtype=np.intp)
-        self._ids = [(a, b) for a, b, _ in model.geometries]
-        self._index = {}
-        for i, (a, b) in enumerate(self._ids):
-            self._index[a.get_value(), b.get_value()] = i
-            self._index[b.get_value(), a.get_value()] = i
+        self._pair_of = model.pair_of
         required = np.array([pair.required for pair in model.pairs])
         touching = np.array([pair.arm >= 0 and taking_part[pair.arm] for pair in model.pairs])
         self._required = required[self._pair_of]
@@ -98,33 +102,34 @@ class _Search:
         self._margin = np.full(count, np.inf)
         self._margin_time = np.zeros(count)
         self._margin_required = required.copy()
-        self._bound = np.full(count, SEARCH_DISTANCE)
+        self._bound = np.full(count, np.inf)
         self._broken: dict[int, str] = {}
         self._unproven: dict[int, tuple[float, float]] = {}
-        self.queries = 0
+        # Along which each pair of shapes was last seen to be apart; a good guess for the next time.
+        self._directions = np.zeros((len(self._pair_of), 3))
+        self._queries = 0
 
     def run(self, leg: Leg, X_WJ: Array) -> None:
         """Look at one leg."""
-        self._leg = leg
+        self._leg, self._X_WJ = leg, X_WJ
         self._speed = _pair_speeds(self._model, leg, X_WJ)
-        step = leg.step
-        self._clock = np.vstack(
-            [np.zeros((1, self._speed.shape[1])), np.cumsum(self._speed * step, axis=0)]
-        )
+        clock = np.cumsum(self._speed * leg.step, axis=0)
+        self._clock = np.vstack([np.zeros((1, clock.shape[1])), clock])
         times = self._first_times()
-        distances = np.array([self._measure_all(time) for time in times])
-        clocks = np.array([self._clock_at(time) for time in times])[:, self._pair_of]
-        work = []
-        for i in range(len(times) - 1):
-            between = (float(times[i]), float(times[i + 1]))
-            d0, d1 = distances[i], distances[i + 1]
-            bound = _bound(d0, d1, clocks[i + 1] - clocks[i])
-            open_ = self._insufficient(between, np.arange(len(bound)), bound)
-            self._note_bound(np.flatnonzero(~open_), bound[~open_])
-            if np.any(open_):
-                work.append(_Interval(between, np.flatnonzero(open_), (d0[open_], d1[open_])))
-        while work:
-            work += self._halve(work.pop())
+        shapes = np.arange(len(self._pair_of))
+        count = len(shapes)
+        rows = np.repeat(np.arange(len(times)), count)
+        distances = self._distances(times, rows, np.tile(shapes, len(times)))
+        distances = distances.reshape(len(times), count)
+        work = _Open(
+            np.repeat(times[:-1], count),
+            np.repeat(times[1:], count),
+            distances[:-1].ravel(),
+            distances[1:].ravel(),
+            np.tile(shapes, len(times) - 1),
+        )
+        while len(work.shapes):
+            work = self._halve(work)
 
     def _first_times(self) -> Array:
         """Samples between which no pair moves far, and the ends of the contact window."""
@@ -132,119 +137,131 @@ class _Search:
         fastest = np.concatenate([[0.0], np.cumsum(self._speed.max(axis=1) * leg.step[:, 0])])
         count = int(np.ceil(fastest[-1] / FIRST_STEP)) + 1
         chosen = np.searchsorted(fastest, np.linspace(0.0, fastest[-1], count))
-        chosen = np.unique(np.concatenate([[0], chosen, [len(leg.times) - 1]]))
+        chosen = np.concatenate([[0], chosen, [len(leg.times) - 1]])
         times = leg.times[np.minimum(chosen, len(leg.times) - 1)]
-        if leg.contact is not None:
-            inside = [t for t in leg.contact if leg.times[0] < t < leg.times[-1]]
-            times = np.unique(np.concatenate([times, inside]))
-        return times
+        ends = [] if leg.contact is None else leg.contact
+        inside = [t for t in ends if leg.times[0] < t < leg.times[-1]]
+        return np.unique(np.concatenate([times, inside]))
 
-    def _clock_at(self, time: float) -> Array:
-        times = self._leg.times
-        i = min(max(int(np.searchsorted(times, time, side="right")) - 1, 0), len(times) - 2)
-        return self._clock[i] + (time - times[i]) * self._speed[i]
+    def _in_contact(self, begin: Array, end: Array) -> Mask:
+        low, high = (np.inf, -np.inf) if self._leg.contact is None else self._leg.contact
+        return (low - 1e-9 <= begin) & (end <= high + 1e-9)
 
-    def _in_contact(self, begin: float, end: float) -> bool:
-        window = self._leg.contact
-        return window is not None and window[0] - 1e-9 <= begin and end <= window[1] + 1e-9
-
-    def _demands(self, times: tuple[float, float], shapes: Indices) -> tuple[Array, Array]:
-        """Padding of shape pairs in an interval on samples, and what it may dip to between them."""
+    def _demands(self, begin: Array, end: Array, shapes: Indices) -> tuple[Array, Array]:
+        """Least distances of shape pairs in intervals: on samples, and between them."""
         required = self._required[shapes]
-        floor = np.maximum(required - DIP, 0.0)
-        required = required - MEASUREMENT * (required > 0.0)
-        if self._in_contact(*times):
-            touching = self._touching[shapes]
-            required = np.where(touching, -CONTACT_DEPTH, required)
-            floor = np.where(touching, -CONTACT_DEPTH, floor)
-        return required, floor
-
-    def _insufficient(self, times: tuple[float, float], shapes: Indices, bound: Array) -> Mask:
-        """Which of the shape pairs need measuring within the interval."""
-        required, floor = self._demands(times, shapes)
-        inner = self._inner_samples(times)
-        pairs = self._pair_of[shapes]
-        nearest = self._nearest[pairs]
-        near = nearest < self._required[shapes] + NEAR
-        wanted = np.where(near, nearest - np.clip(0.3 * nearest, *RESOLUTION), -np.inf)
-        return bound < np.maximum(required if len(inner) else floor, wanted)
-
-    def _inner_samples(self, times: tuple[float, float]) -> Array:
-        samples = self._leg.times
-        first, last = (
-            np.searchsorted(samples, times[0], "right"),
-            np.searchsorted(samples, times[1]),
+        touching = self._touching[shapes] & self._in_contact(begin, end)
+        on_samples = required - MEASUREMENT * (required > 0.0)
+        between = np.maximum(required - DIP, 0.0)
+        return (
+            np.where(touching, -CONTACT_DEPTH, on_samples),
+            np.where(touching, -CONTACT_DEPTH, between),
         )
-        return samples[first:last]
 
-    def _measure_all(self, time: float) -> Array:
-        """Distances of all shape pairs, SEARCH_DISTANCE where they are further apart."""
-        query = self._model.set_positions(self._leg.at(time))
-        self.queries += 1
-        distances = np.full(len(self._ids), SEARCH_DISTANCE)
-        results = query.ComputeSignedDistancePairwiseClosestPoints(SEARCH_DISTANCE)
-        near = [self._index[r.id_A.get_value(), r.id_B.get_value()] for r in results]
-        distances[near] = [r.distance for r in results]
-        self._note(time, np.array(near, dtype=np.intp), distances[near])
+    def _distances(self, moments: Array, rows: Indices, shapes: Indices) -> Array:
+        """Lower bounds on the distances of shape pairs at moments[rows], (m,); measured where they decide."""
+        model = self._model
+        axes, centres = model.outline_poses(self._frames_at(moments))
+        first, second = model.first[shapes], model.second[shapes]
+        p = centres[rows, second] - centres[rows, first]
+        distances = np.sqrt(np.einsum("mi,mi->m", p, p)) - model.reach[shapes]
+        near = np.flatnonzero(distances < MEASURED)
+        rows, shapes, first, second, p = (a[near] for a in (rows, shapes, first, second, p))
+        R = axes[rows, first], axes[rows, second]
+        bound = face_gaps(model.shapes, first, second, R, p, self._directions[shapes])
+        times = moments[rows]
+        on_samples, between = self._demands(times, times, shapes)
+        allowed = np.where(np.isin(times, self._leg.times), on_samples, between)
+        padding = np.where(allowed < 0.0, 0.0, self._required[shapes])
+        pairs = self._pair_of[shapes]
+        query, at = None, -1
+        # Smallest first, since that spares the measuring of others.
+        for k in np.argsort(bound)[: int(np.sum(bound < MEASURED))]:
+            i, d = int(pairs[k]), bound[k]
+            worth = d < self._nearest[i] - WORTH or d - padding[k] < self._margin[i] - WORTH
+            if not worth and d >= allowed[k]:
+                continue
+            time = float(times[k])
+            if rows[k] != at:
+                at = rows[k]
+                query = model.set_positions(self._leg.at(time))
+                self._queries += 1
+            a, b = int(first[k]), int(second[k])
+            d, n = measure(query, model.shapes, a, b, (R[0][k], R[1][k]), p[k])
+            bound[k], self._directions[shapes[k]] = d, n
+            self._note(i, time, d, float(allowed[k]), float(padding[k]))
+        distances[near] = bound
         return distances
 
-    def _measure(self, time: float, shapes: Indices) -> Array:
-        query = self._model.set_positions(self._leg.at(time))
-        self.queries += 1
-        measure = query.ComputeSignedDistancePairClosestPoints
-        distances = np.array([measure(*self._ids[i]).distance for i in shapes])
-        self._note(time, shapes, distances)
-        return distances
+    def _frames_at(self, moments: Array) -> Array:
+        """Poses of the joints' child frames at times, (m, 15, 4, 4); those at samples are known."""
+        leg = self._leg
+        index = np.minimum(np.searchsorted(leg.times, moments), len(leg.times) - 1)
+        X_WJ = self._X_WJ[index]
+        other = np.flatnonzero(leg.times[index] != moments)
+        if len(other):
+            positions = np.array([leg.at(float(time)) for time in moments[other]])
+            X_WJ[other] = self._model.frames(positions)[0]
+        return X_WJ
 
-    def _note(self, time: float, shapes: Indices, distances: Array) -> None:
-        demanded, floor = self._demands((time, time), shapes)
-        sample = bool(np.any(np.abs(self._leg.times - time) < 1e-12))
-        allowed = demanded if sample else np.minimum(demanded, floor)
-        required = self._required[shapes]
-        if self._in_contact(time, time):
-            required = np.where(self._touching[shapes], 0.0, required)
-        for shape, d, least, padding in zip(shapes, distances, allowed, required, strict=True):
-            i = int(self._pair_of[shape])
-            if d < self._nearest[i]:
-                self._nearest[i], self._nearest_time[i] = d, time
-            if d - padding < self._margin[i]:
-                self._margin[i], self._margin_time[i] = d - padding, time
-                self._margin_required[i] = padding
-                if d < least:
-                    self._broken[i] = _broken(self._model.pairs[i], d, padding, time)
+    def _note(self, i: int, time: float, d: float, allowed: float, padding: float) -> None:
+        if d < self._nearest[i]:
+            self._nearest[i], self._nearest_time[i] = d, time
+        if d - padding < self._margin[i]:
+            self._margin[i], self._margin_time[i] = d - padding, time
+            self._margin_required[i] = padding
+        if d < allowed and (i not in self._broken or self._margin_time[i] == time):
+            self._broken[i] = _broken(self._model.pairs[i], d, padding, time)
 
-    def _note_bound(self, shapes: Indices, bound: Array) -> None:
-        np.minimum.at(self._bound, self._pair_of[shapes], bound)
-
-    def _halve(self, interval: _Interval) -> list[_Interval]:
-        begin, end = interval.times
-        shapes = interval.shapes
-        clock = (self._clock_at(end) - self._clock_at(begin))[self._pair_of[shapes]]
-        bound = _bound(*interval.distances, clock)
-        # What was seen to be broken, or proven elsewhere to be far from nearest, needs no more looking.
-        broken = np.array([int(self._pair_of[i]) in self._broken for i in shapes])
-        open_ = self._insufficient(interval.times, shapes, bound) & ~broken
-        self._note_bound(shapes[~open_], bound[~open_])
+    def _halve(self, work: _Open) -> _Open:
+        """Close what is proven, look at the middle of what is not."""
+        pairs = self._pair_of[work.shapes]
+        clock = self._clock_at(work.end, pairs) - self._clock_at(work.begin, pairs)
+        # Where they are but bounds, the distances at the ends may differ by more than the clock.
+        bound = np.minimum(np.minimum(work.d0, work.d1), 0.5 * (work.d0 + work.d1 - clock))
+        samples = self._leg.times
+        first = np.searchsorted(samples, work.begin, side="right")
+        last = np.searchsorted(samples, work.end)
+        on_samples, between = self._demands(work.begin, work.end, work.shapes)
+        nearest = self._nearest[pairs]
+        near = nearest < self._required[work.shapes] + NEAR
+        wanted = np.where(near, nearest - np.clip(0.3 * nearest, *RESOLUTION), -np.inf)
+        open_ = bound < np.maximum(np.where(first < last, on_samples, between), wanted)
+        # What was seen to be broken needs no more looking.
+        broken = np.zeros(len(self._nearest), dtype=bool)
+        broken[list(self._broken)] = True
+        short = work.end - work.begin < SHORTEST
+        for i in np.flatnonzero(open_ & short & (bound < between)):
+            self._unproven.setdefault(int(pairs[i]), (float(work.begin[i]), float(work.end[i])))
+        open_ &= ~broken[pairs] & ~short
+        np.minimum.at(self._bound, pairs[~open_], bound[~open_])
         if not np.any(open_):
-            return []
-        shapes = shapes[open_]
-        d0, d1 = (d[open_] for d in interval.distances)
-        inner = self._inner_samples(interval.times)
-        middle = float(inner[len(inner) // 2]) if len(inner) else 0.5 * (begin + end)
-        if end - begin < SHORTEST:
-            self._note_bound(shapes, bound[open_])
-            for i in self._pair_of[shapes]:
-                self._unproven.setdefault(int(i), (begin, end))
-            return []
-        d = self._measure(middle, shapes)
-        return [
-            _Interval((begin, middle), shapes, (d0, d)),
-            _Interval((middle, end), shapes, (d, d1)),
-        ]
+            return work[open_]
+        work = work[open_]
+        first, last = first[open_], last[open_]
+        middle = np.where(
+            first < last,
+            samples[np.minimum((first + last) // 2, len(samples) - 1)],
+            0.5 * (work.begin + work.end),
+        )
+        moments, rows = np.unique(middle, return_inverse=True)
+        d = self._distances(moments, rows, work.shapes)
+        return _Open(
+            np.concatenate([work.begin, middle]),
+            np.concatenate([middle, work.end]),
+            np.concatenate([work.d0, d]),
+            np.concatenate([d, work.d1]),
+            np.tile(work.shapes, 2),
+        )
+
+    def _clock_at(self, times: Array, pairs: Indices) -> Array:
+        samples = self._leg.times
+        i = np.clip(np.searchsorted(samples, times, side="right") - 1, 0, len(samples) - 2)
+        return self._clock[i, pairs] + (times - samples[i]) * self._speed[i, pairs]
 
     def report(self, found: Findings) -> ClearanceReport:
         """Violations, checks, and the clearances, nearest to their padding first."""
-        clearances, elsewhere = [], SEARCH_DISTANCE
+        clearances, elsewhere = [], np.inf
         for i, pair in enumerate(self._model.pairs):
             check = "finger_table" if pair.kind == "finger-table" else "clearance"
             if i in self._broken:
@@ -262,9 +279,8 @@ class _Search:
             else:
                 elsewhere = min(elsewhere, float(self._bound[i]))
         clearances.sort(key=lambda pair: pair.margin)
-        meant = ("finger-table", "self", "adjacent")
         for name, among in (
-            ("clearance", [c for c in clearances if c.kind not in meant]),
+            ("clearance", [c for c in clearances if c.kind not in MEANT]),
             ("finger_table", [c for c in clearances if c.kind == "finger-table"]),
         ):
             # Where nothing comes near there is nothing to show but that the check was made.
@@ -273,10 +289,10 @@ class _Search:
                 continue
             worst = among[0]
             index = next(i for i, p in enumerate(self._model.pairs) if p.names == worst.bodies)
-            padding, time = float(worst.required), float(self._margin_time[index])
-            where = " - ".join(worst.bodies)
-            found.check(name, worst.margin + padding, padding, worst.margin, "m", where, time)
-        return ClearanceReport(tuple(clearances), elsewhere, self.queries)
+            time, where = float(self._margin_time[index]), " - ".join(worst.bodies)
+            value = worst.margin + worst.required
+            found.check(name, value, worst.required, worst.margin, "m", where, time)
+        return ClearanceReport(tuple(clearances), elsewhere, self._queries)
 
     def _clearance(self, i: int, pair: BodyPair) -> PairClearance:
         return PairClearance(
@@ -284,15 +300,10 @@ class _Search:
             pair.kind,
             float(self._nearest[i]),
             float(self._nearest_time[i]),
-            float(self._bound[i]),
+            float(min(self._bound[i], self._nearest[i])),
             float(self._margin_required[i]),
             float(self._margin[i]),
         )
-
-
-def _bound(d0: Array, d1: Array, clock: Array) -> Array:
-    # Where a distance stands for "at least the search distance", the two ends may differ by more than the clock.
-    return np.minimum(np.minimum(d0, d1), 0.5 * (d0 + d1 - clock))
 
 
 def _broken(pair: BodyPair, distance: float, padding: float, time: float) -> str:

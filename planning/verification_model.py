@@ -10,13 +10,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import (
-    CalcObb,
     CollisionFilterDeclaration,
     GeometryId,
     GeometrySet,
-    HalfSpace,
     QueryObject,
-    Role,
 )
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Frame, JointIndex, PrismaticJoint, RigidBody
@@ -24,6 +21,7 @@ from pydrake.multibody.tree import BodyIndex, Frame, JointIndex, PrismaticJoint,
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell, build_robot_diagram, position_indices, scoped
 from unwrinkle.planning.verification_motion import JOINTS
+from unwrinkle.planning.verification_shapes import box_corners, outlines
 
 Array = NDArray[np.float64]
 
@@ -58,7 +56,11 @@ class CellModel:
 
     Attributes:
         pairs: every pair of bodies that must keep away from each other.
-        geometries: per pair of collision shapes its ids, and the index of its bodies in `pairs`.
+        shapes: outlines of all collision shapes.
+        first: (G,) first shape of each pair of shapes that must keep away from each other.
+        second: (G,) second shape.
+        pair_of: (G,) their bodies' index in `pairs`.
+        reach: (G,) sum of the radii of spheres around both, m.
         chains: per moving body the joints (columns of a leg) that move it, from the world outwards.
         corners: per moving body (8, 3) corners of a box around its shapes, in the child frame of its last joint.
     """
@@ -90,7 +92,6 @@ class CellModel:
         self.table_height = float(self._table.CalcPoseInWorld(self._context).translation()[2])
         self._find_bodies()
         self.pairs: list[BodyPair] = []
-        self.geometries: list[tuple[GeometryId, GeometryId, int]] = []
         self._find_pairs()
 
     def set_positions(self, positions: Array) -> QueryObject:
@@ -126,6 +127,17 @@ class CellModel:
                 for joint, prismatic in zip(self._joints, self.prismatic, strict=True)
             ]
         )
+
+    def outline_poses(self, X_WJ: Array) -> tuple[Array, Array]:
+        """Axes (n, N, 3, 3) and centres (n, N, 3) of the shapes' outlines in the world.
+
+        Args:
+            X_WJ: (n, 15, 4, 4) as from `frames`.
+        """
+        # Joint -1, of shapes that nothing moves, is the world.
+        fixed = np.broadcast_to(np.eye(4), (len(X_WJ), 1, 4, 4))
+        X_WS = np.concatenate([X_WJ, fixed], axis=1)[:, self._shape_joint] @ self._X_JS
+        return X_WS[..., :3, :3], X_WS[..., :3, 3]
 
     def _table_frame(self) -> Frame:
         name = self.cell.scenario.table.frame
@@ -164,50 +176,54 @@ class CellModel:
             self._chain[_name(body)] = tuple(reversed(chain))
         for joint in self._joints:
             self._neighbours.add(frozenset((_name(joint.parent_body()), _name(joint.child_body()))))
-        solid = [body for body in self._bodies() if self._shapes(body) and self._chain[_name(body)]]
-        self.moving = [_name(body) for body in solid]
-        self.chains = [self._chain[name] for name in self.moving]
-        self.corners = [self._corners(body) for body in solid]
-
-    def _corners(self, body: RigidBody) -> Array:
+        solid = [body for body in self._bodies() if self._shapes(body)]
+        ids = [i for body in solid for i in self._shapes(body)]
         inspector = self._diagram.scene_graph().model_inspector()
-        last = self._joints[self._chain[_name(body)][-1]].frame_on_child()
-        X_JB = last.CalcPoseInWorld(self._context).inverse() @ body.EvalPoseInWorld(self._context)
-        points = []
-        for geometry in self._shapes(body):
-            shape = inspector.GetShape(geometry)
-            box = None if isinstance(shape, HalfSpace) else CalcObb(shape)
-            if box is None:
-                raise InputError(
-                    f"{_name(body)} moves, but one of its collision shapes has no bounds"
-                )
-            corners = _box_corners(-box.half_width(), box.half_width())
-            X_JO = X_JB @ inspector.GetPoseInFrame(geometry) @ box.pose()
-            points.append(X_JO.multiply(corners.T).T)
+        self.shapes = outlines(inspector, ids, "the cell's models")
+        joint, X_JS = [], []
+        for body in solid:
+            chain = self._chain[_name(body)]
+            X_JB = body.EvalPoseInWorld(self._context)
+            if chain:
+                last = self._joints[chain[-1]].frame_on_child()
+                X_JB = last.CalcPoseInWorld(self._context).inverse() @ X_JB
+            for i in self._shapes(body):
+                joint.append(chain[-1] if chain else -1)
+                X_JS.append((X_JB @ inspector.GetPoseInFrame(i)).GetAsMatrix4())
+        X_GS = np.tile(np.eye(4), (len(ids), 1, 1))
+        X_GS[:, :3, :3], X_GS[:, :3, 3] = self.shapes.R_GS, self.shapes.p_GS
+        self._shape_joint = np.array(joint, dtype=np.intp)
+        self._X_JS = np.array(X_JS) @ X_GS
+        self.moving = [_name(body) for body in solid if self._chain[_name(body)]]
+        self.chains = [self._chain[name] for name in self.moving]
+        self._solid = {_name(body): self._indices(body) for body in solid}
+        self.corners = [self._corners(self._solid[name]) for name in self.moving]
+
+    def _indices(self, body: RigidBody) -> list[int]:
+        return [self.shapes.ids.index(i) for i in self._shapes(body)]
+
+    def _corners(self, shapes: list[int]) -> Array:
+        points = [
+            self.shapes.corners(i) @ self._X_JS[i, :3, :3].T + self._X_JS[i, :3, 3] for i in shapes
+        ]
         everything = np.vstack(points)
-        return _box_corners(everything.min(axis=0), everything.max(axis=0))
+        return box_corners(everything.min(axis=0), everything.max(axis=0))
 
     def _find_pairs(self) -> None:
-        """List the pairs, and let the scene graph's filter of this context hold exactly them."""
-        scene_graph = self._diagram.scene_graph()
-        context = scene_graph.GetMyMutableContextFromRoot(self._root)
-        filters = scene_graph.collision_filter_manager(context)
-        solid = [body for body in self._bodies() if self._shapes(body)]
-        everything = GeometrySet(
-            list(scene_graph.model_inspector().GetAllGeometryIds(Role.kProximity))
-        )
-        declaration = CollisionFilterDeclaration().AllowWithin(everything)
-        for a, b in combinations(solid, 2):
-            pair = self._pair(_name(a), _name(b))
-            shapes = self._shapes(a), self._shapes(b)
-            if pair is None:
-                sets = (GeometrySet(list(ids)) for ids in shapes)
-                declaration.ExcludeBetween(*sets)
-                continue
-            index = len(self.pairs)
-            self.pairs.append(pair)
-            self.geometries += [(i, j, index) for i in shapes[0] for j in shapes[1]]
-        filters.Apply(declaration)
+        """List the pairs, and let no filter of the models hide any of them from the query."""
+        everything = GeometrySet(list(self.shapes.ids))
+        context = self._diagram.scene_graph().GetMyMutableContextFromRoot(self._root)
+        filters = self._diagram.scene_graph().collision_filter_manager(context)
+        filters.Apply(CollisionFilterDeclaration().AllowWithin(everything))
+        rows = []
+        for a, b in combinations(self._solid, 2):
+            pair = self._pair(a, b)
+            if pair is not None:
+                rows += [(i, j, len(self.pairs)) for i in self._solid[a] for j in self._solid[b]]
+                self.pairs.append(pair)
+        self.first, self.second, self.pair_of = np.array(rows, dtype=np.intp).T
+        radius = self.shapes.radius
+        self.reach = radius[self.first] + radius[self.second]
 
     def _pair(self, a: str, b: str) -> BodyPair | None:
         """How two bodies must keep away from each other; None where they need not.
@@ -264,8 +280,3 @@ def _side(name: str) -> int:
     """0 for the right arm with its gripper, 1 for the left, -1 for neither."""
     instance = scoped(name)[0]
     return next((i for i, instances in enumerate(ARMS) if instance in instances), -1)
-
-
-def _box_corners(low: Array, high: Array) -> Array:
-    grid = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T
-    return np.where(grid == 1, high, low)

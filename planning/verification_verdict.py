@@ -27,6 +27,9 @@ CHECKS = {
     "tilt": "tilt of the tools while they are down",
 }
 
+#: Kinds of pairs that are near by design: fingers and table meet, neighbours are joined.
+MEANT = ("finger-table", "self", "adjacent")
+
 
 @dataclass(frozen=True)
 class Check:
@@ -129,8 +132,7 @@ class Verdict:
         Left out are the fingers and the working table, which are meant to meet, and pairs of one arm and
         of a joint's neighbours, which are near by construction. None if no other pair came near.
         """
-        meant = {"finger-table", "self", "adjacent"}
-        pairs = [pair for pair in self.clearances if pair.kind not in meant]
+        pairs = [pair for pair in self.clearances if pair.kind not in MEANT]
         return min(pairs, key=lambda pair: pair.distance, default=None)
 
     def check(self, name: str) -> Check:

@@ -12,7 +12,7 @@ from pydrake.multibody.meshcat import JointSliders
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.overlay import closed_page
-from unwrinkle.scene import ILLUSTRATION, PROXIMITY, CellScene
+from unwrinkle.scene import ILLUSTRATION, PROXIMITY, WHOLE_CELL, CellScene, look
 
 Array = NDArray[np.float64]
 
@@ -37,6 +37,7 @@ class CellView:
         self._states = {name: np.array(axes, dtype=float) for name, axes in states.items()}
         self._meshcat = meshcat
         self._scene = CellScene(cell, meshcat, proximity_visible=True)
+        look(meshcat, WHOLE_CELL)
         self._opening = float(cell.scenario.gripper.opening)
         self._q = self._positions(state)
         self._show(self._q)

@@ -41,7 +41,11 @@ def _options(
     ] = False,
 ) -> None:
     level = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    handler = logging.StreamHandler()
+    handler.setLevel(level)  # pydrake sets its logger's level back to INFO when it is imported
+    logging.basicConfig(
+        level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s", handlers=[handler]
+    )
     for name in ("unwrinkle", "drake"):
         logging.getLogger(name).setLevel(level)
 

@@ -25,13 +25,17 @@ _LEAST_COVER = 0.5
 _LIFT = 0.001
 
 
-def garment_of(analysis: Analysis) -> GarmentSurface:
-    """Return the garment of an analysis, with the wrinkle that is its target and its contour.
+def garment_of(analysis: Analysis, index: int | None = None) -> GarmentSurface:
+    """Return the garment of an analysis, with one of its wrinkles and the contour around it.
+
+    Args:
+        analysis: of a range map.
+        index: of the wrinkle, largest first; that of the analysis' target if left out.
 
     Raises:
         InputError: no garment was seen.
     """
-    index = analysis.target_index
+    index = analysis.target_index if index is None else index
     wrinkle = None if index is None else analysis.wrinkles[index]
     contour = garment_contour(analysis.surface, None if wrinkle is None else wrinkle.centre)
     return garment_surface(

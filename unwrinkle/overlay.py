@@ -72,10 +72,11 @@ def page_with_overlay(
     """
     short = plan.content_hash[:12]
     points = [hand.p_WG.tolist() for hand in plan.target.hands]
+    views = _views(plan, points)
     data = {
         "at": at,
         "duration": playback.duration,
-        "views": _views(plan, points),
+        "views": views,
         "times": [step.time for step in playback.steps],
         "labels": _labels(plan),
     }
@@ -87,7 +88,7 @@ def page_with_overlay(
         "facts": _facts(plan, playback),
         "steps": _steps(playback, colours),
         "layers": _layers(plan, colours),
-        "views": "".join(f'<button data-view="{n}">{n}</button>' for n in data["views"]),
+        "views": "".join(f'<button data-view="{n}">{n}</button>' for n in views),
         # "<" could end the script element that carries the data.
         "data": json.dumps(data).replace("<", "\\u003c"),
     }

@@ -195,13 +195,11 @@ def _classes(axes: Axes, analysis: Analysis) -> None:
 
 def _grey(axes: Axes, range_map: RangeMap) -> None:
     """Relief as a quiet ground for lines: the height lit from the upper left."""
-    slope_y, slope_x = np.gradient(range_map.height, range_map.resolution)
-    spread = (
-        max(0.15, 2.0 * float(np.std(slope_x[range_map.garment])))
-        if (range_map.garment.any())
-        else 0.15
-    )
-    light = np.clip(0.62 + 0.25 * (slope_y - slope_x) / spread, 0.15, 1.0)
+    slope_y = np.gradient(range_map.height, range_map.resolution, axis=0)
+    slope_x = np.gradient(range_map.height, range_map.resolution, axis=1)
+    on = range_map.garment
+    spread = max(0.15, 2.0 * float(np.std(slope_x[on]))) if on.any() else 0.15
+    light = np.asarray(np.clip(0.62 + 0.25 * (slope_y - slope_x) / spread, 0.15, 1.0))
     light[~range_map.garment] = 0.9
     axes.imshow(light, extent=_extent(range_map), cmap="gray", vmin=0.0, vmax=1.0)
 
@@ -224,7 +222,8 @@ def _ridges(axes: Axes, analysis: Analysis) -> None:
         )
         if index < _SHOWN:
             axes.text(
-                *wrinkle.centre,
+                float(wrinkle.centre[0]),
+                float(wrinkle.centre[1]),
                 str(index + 1),
                 fontsize=8,
                 ha="center",
@@ -289,7 +288,14 @@ def _target(axes: Axes, analysis: Analysis) -> None:
         Patch(facecolor=colour, label=f"hand {i}: {1e3 * hand.pull_distance:.1f} mm")
         for i, (hand, colour) in enumerate(zip(target.hands, _HANDS, strict=True))
     ]
-    axes.legend(handles=handles, fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5))
+    axes.legend(
+        handles=handles,
+        fontsize=8,
+        loc="center left",
+        bbox_to_anchor=(1.01, 0.5),
+        title="dashed: approach\nsolid: pull",
+        title_fontsize=8,
+    )
     margin = 1.3 * reach
     points = np.array([hand.p_WG[:2] for hand in target.hands])
     _frame(axes, range_map)

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import MeshcatAnimation, Rgba
+from pydrake.math import RigidTransform, RollPitchYaw
 
+from unwrinkle.board import board
 from unwrinkle.models.robot import Cell
 from unwrinkle.overlay import Colours, page_with_overlay, pull_magnification
 from unwrinkle.planning.plan import FlatteningPlan
@@ -38,6 +40,8 @@ COLOURS = Colours(
 )
 _GRASP_ARROW = 0.11
 _POLL = 1.0 / 30.0
+#: In the first view at the lower left, on the floor before the working table.
+_BOARD = RigidTransform(RollPitchYaw(-0.5, 0.0, 0.15), [-0.95, -1.85, 0.02])
 
 _log = logging.getLogger(__name__)
 
@@ -65,8 +69,8 @@ class PreviewSummary:
         """Take it from a verdict."""
         lines = tuple(violation.message for violation in verdict.violations)
         near = verdict.smallest
-        if near is None or near.distance is None:
-            beyond = f"no two bodies came nearer than {1e3 * verdict.search_distance:.0f} mm"
+        if near is None:
+            beyond = f"no two bodies nearer than {1e3 * verdict.elsewhere:.0f} mm"
             return cls(verdict.passed, None, lines=(*lines, beyond))
         return cls(verdict.passed, near.distance, " – ".join(near.bodies), near.time, lines)
 
@@ -246,6 +250,12 @@ class LivePreview:
             f"plan {plan.content_hash[:12]}: {state}",
             f"smallest clearance {summary.clearance_text}",
         )
+        shade = "#14692d" if summary.passed else "#b71c1c"
+        writing = [(text, shade) for text in self.labels]
+        writing.append((f"motion {plan.motion_time:.2f} s; cloth shown as seen", "#3b4654"))
+        sign, _ = board([(text.replace("–", "-"), shade) for text, shade in writing], 0.34)
+        meshcat.SetObject("plan/board", sign)
+        meshcat.SetTransform("plan/board", _BOARD)
         for label in self.labels:
             meshcat.AddButton(label)
         meshcat.AddButton("play / pause", "Space")

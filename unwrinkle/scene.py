@@ -21,9 +21,12 @@ Array = NDArray[np.float64]
 
 ILLUSTRATION = "illustration"
 PROXIMITY = "proximity"
+View = tuple[tuple[float, float, float], tuple[float, float, float]]
 #: Camera and what it looks at in the first view: from the front of the robot, to its left; world, m.
-OVERVIEW = ((0.62, -3.15, 2.45), (-0.15, -0.80, 0.93))
-_PROXIMITY_COLOUR = (0.9, 0.1, 0.1, 0.3)
+OVERVIEW: View = ((0.62, -3.30, 2.45), (-0.15, -0.80, 0.97))
+#: The whole robot with its head.
+WHOLE_CELL: View = ((1.6, -4.3, 2.7), (0.0, -0.35, 1.12))
+_PROXIMITY_COLOUR = (0.9, 0.1, 0.1, 0.25)
 
 
 def start_meshcat(host: str = "localhost", port: int | None = None) -> Any:
@@ -52,8 +55,13 @@ def start_meshcat(host: str = "localhost", port: int | None = None) -> Any:
     camera = Meshcat.PerspectiveCamera()
     camera.fov = 42.0
     meshcat.SetCamera(camera)
-    meshcat.SetCameraPose(*(np.array(point) for point in OVERVIEW))
+    look(meshcat, OVERVIEW)
     return meshcat
+
+
+def look(meshcat: Any, view: View) -> None:
+    """Place the camera; `view` is where it stands and what it looks at, world, m."""
+    meshcat.SetCameraPose(*(np.array(point) for point in view))
 
 
 class CellScene:

@@ -39,7 +39,8 @@ def analyse(
     ] = None,
     mode: Annotated[str, typer.Option(help="Pull distance: foot (all slack) or paper.")] = "foot",
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the results [out/<name of the capture>].")
+        Path | None,
+        typer.Option(help="Folder for the results (default: out/ and the capture's name)."),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of every random choice.")] = 0,
     pictures: Annotated[bool, typer.Option(help="Draw the pictures.")] = True,

@@ -1,0 +1,26 @@
+"""A verified dual-arm plan for the largest wrinkle, and what the verification measured.
+
+Run: python examples/02_plan_and_verify.py
+"""
+
+from unwrinkle.models.robot import load_cell, model_file
+from unwrinkle.perception.analysis import analyse
+from unwrinkle.perception.capture import load_capture, range_map_from_capture
+from unwrinkle.perception.target import NoTarget
+from unwrinkle.planning.planner import FlatteningPlanner
+from unwrinkle.planning.verification import verify
+
+cell = load_cell()
+range_map = range_map_from_capture(load_capture(model_file("captures/towel.npz")))
+target = analyse(range_map).target
+if isinstance(target, NoTarget):
+    raise SystemExit(target.reason)
+
+result = FlatteningPlanner(cell).plan(target)
+if result.plan is None or result.failure is not None:
+    raise SystemExit(result.failure.message if result.failure else "no plan")
+
+verdict = verify(result.plan, cell)
+print(verdict.summary())
+for name, outcome, worst, limit, _, where in verdict.rows():
+    print(f"{name:18s} {outcome:5s} {worst:>14s} {limit:>14s}  {where}")

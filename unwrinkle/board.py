@@ -1,0 +1,103 @@
+"""A board with writing on it as a scene object: Meshcat has no text of its own."""
+
+import base64
+import json
+from typing import Any
+
+import cv2
+import numpy as np
+from pydrake.common import MemoryFile
+from pydrake.geometry import InMemoryMesh, Mesh
+
+_LINE = 44  # height of a line, pixels
+_MARGIN = 24
+_SCALE = 1.05  # of OpenCV's font, for that height
+
+
+def board(lines: list[tuple[str, str]], height: float) -> tuple[Any, float]:
+    """Make a board in its own x, z plane, facing -y, with its lower edge centred on the origin.
+
+    Args:
+        lines: texts (ASCII; other characters become "?") and their colours, #rrggbb.
+        height: of the board, m.
+
+    Returns:
+        The shape for `Meshcat.SetObject`, and the board's width, m.
+    """
+    image = _picture(lines)
+    aspect = image.shape[1] / image.shape[0]
+    ok, png = cv2.imencode(".png", image[..., ::-1])
+    if not ok:
+        raise RuntimeError("OpenCV cannot write PNG")
+    width = aspect * height
+    # glTF's axes have y up; Drake turns them into ours.
+    x, y = 0.5 * width, height
+    corners = np.array([[-x, 0, 0], [x, 0, 0], [x, y, 0], [-x, y, 0]], dtype="<f4")
+    texture = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], dtype="<f4")
+    faces = np.array([0, 1, 2, 0, 2, 3], dtype="<u2")
+    parts = [corners.tobytes(), texture.tobytes(), faces.tobytes()]
+    offsets = np.cumsum([0] + [len(part) for part in parts])
+    document = {
+        "asset": {"version": "2.0"},
+        "extensionsUsed": ["KHR_materials_unlit"],
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [
+            {
+                "primitives": [
+                    {"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}
+                ]
+            }
+        ],
+        "materials": [
+            {
+                "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}},
+                "extensions": {"KHR_materials_unlit": {}},
+                "doubleSided": True,
+            }
+        ],
+        "textures": [{"source": 0}],
+        "images": [{"uri": _data("image/png", png.tobytes())}],
+        "buffers": [
+            {
+                "uri": _data("application/octet-stream", b"".join(parts)),
+                "byteLength": int(offsets[-1]),
+            }
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": int(offset), "byteLength": len(part)}
+            for offset, part in zip(offsets[:-1], parts, strict=True)
+        ],
+        "accessors": [
+            {
+                "bufferView": 0,
+                "componentType": 5126,
+                "count": 4,
+                "type": "VEC3",
+                "min": corners.min(axis=0).tolist(),
+                "max": corners.max(axis=0).tolist(),
+            },
+            {"bufferView": 1, "componentType": 5126, "count": 4, "type": "VEC2"},
+            {"bufferView": 2, "componentType": 5123, "count": 6, "type": "SCALAR"},
+        ],
+    }
+    file = MemoryFile(json.dumps(document), ".gltf", "board.gltf")
+    return Mesh(InMemoryMesh(mesh_file=file)), width
+
+
+def _picture(lines: list[tuple[str, str]]) -> Any:
+    font = cv2.FONT_HERSHEY_SIMPLEX
+    widths = [cv2.getTextSize(text, font, _SCALE, 2)[0][0] for text, _ in lines]
+    shape = (2 * _MARGIN + _LINE * len(lines), 2 * _MARGIN + max(widths), 3)
+    image = np.full(shape, 250, dtype=np.uint8)
+    cv2.rectangle(image, (0, 0), (shape[1] - 1, shape[0] - 1), (140, 150, 165), 4)
+    for k, (text, colour) in enumerate(lines):
+        rgb = tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5))
+        place = (_MARGIN, _MARGIN + _LINE * k + round(0.75 * _LINE))
+        cv2.putText(image, text, place, font, _SCALE, rgb, 2, cv2.LINE_AA)
+    return image
+
+
+def _data(kind: str, content: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
