@@ -37,8 +37,13 @@ TANGENT_LENGTH = 0.015
 #: Pieces shorter than this share of the profile's shortest wrinkle are noise.
 PIECE_SHARE = 0.25
 
-#: Ridge points nearer to the rim than this many knot spacings are left out: the fit is weak there.
+#: Ridge points nearer to the rim than this are left out (in knot spacings, and at least in metres):
+#: the fit is weak there, and cloth comes down to the table over some millimetres.
 RIM_SPANS = 0.75
+RIM_LEAST = 0.008
+
+#: A line that turns by more than this (cosine of 50 deg) within a gap's length is cut there.
+SHARP_BEND = 0.64
 
 _RING = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))
 
@@ -71,7 +76,7 @@ def ridge_points(surface: Surface, profile: NoiseProfile) -> Mask:
     """
     sigma = 0.25 * profile.knot_spacing / surface.resolution
     strength = cv2.GaussianBlur(-surface.k_min, (0, 0), max(sigma, 0.5))
-    rim = RIM_SPANS * profile.knot_spacing / surface.resolution
+    rim = max(RIM_SPANS * profile.knot_spacing, RIM_LEAST) / surface.resolution
     framed = np.pad(surface.inside.astype(np.uint8), 1)  # where the map ends is a rim, too
     depth = cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1]
     candidate = (surface.classes == RIDGE) | (surface.classes == SADDLE_RIDGE)
@@ -213,7 +218,8 @@ def _cut_at_kinks(piece: Line, ends: Line, gap: float, least: float) -> list[Lin
     """Cut a piece where it bends from one ridge of a crossing into the other, and lose the bend.
 
     That is where its directions over a gap's length before and after differ by more than the cosine
-    `least` allows, and another piece ends close by. A bend alone is a curved wrinkle.
+    `least` allows, and another piece ends close by. A bend alone is a curved wrinkle, unless it is
+    sharp: then two ridges meet at a corner.
     """
     span = round(0.8 * gap)
     if len(piece) < 3 * span:
@@ -223,7 +229,8 @@ def _cut_at_kinks(piece: Line, ends: Line, gap: float, least: float) -> list[Lin
     cosine = np.sum(back * ahead, axis=1) / (np.hypot(*back.T) * np.hypot(*ahead.T))
     kink = span + int(np.argmin(cosine))
     others = ends[np.min(cdist(ends, piece[[0, -1]]), axis=1) > 0.0]
-    if float(cosine.min()) >= least or not np.any(cdist(others, piece[[kink]]) <= 0.5 * gap):
+    junction = bool(np.any(cdist(others, piece[[kink]]) <= 0.5 * gap))
+    if float(cosine.min()) >= (least if junction else SHARP_BEND):
         return [piece]
     parts = piece[: kink - span // 2], piece[kink + span // 2 :]
     return [part for half in parts for part in _cut_at_kinks(half, ends, gap, least)]

@@ -48,8 +48,10 @@ CLASS_BOUNDS = (-7 / 8, -5 / 8, -3 / 8, -1 / 8, 1 / 8, 3 / 8, 5 / 8, 7 / 8)
 SAMPLES_PER_KNOT = 6
 COARSEST_SAMPLE = 0.001
 
-#: Cells this near to the rim (in knot spacings) are not fitted: depth mixes cloth and table there.
+#: Cells this near to the rim (in knot spacings, and at least in metres) are not fitted: depth mixes
+#: cloth and table there, and the cloth's own edge comes down.
 RIM_SPANS = 0.25
+RIM_LEAST = 0.003
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,8 +184,8 @@ def fit_surface(range_map: RangeMap, profile: NoiseProfile, *, patches: bool = F
     resolution = range_map.resolution * stride
     if not np.any(weight > 0.0):
         raise InputError(
-            f"surface: no measured cell of the garment lies {RIM_SPANS * profile.knot_spacing:.4f} "
-            "m inside its rim; is the mask right, and the profile the sensor's?"
+            f"surface: no measured cell of the garment lies {_rim(profile):.4f} m "
+            "inside its rim; is the mask right, and the profile the sensor's?"
         )
     ny, nx = height.shape
     x = np.arange(nx, dtype=np.float64) * resolution
@@ -198,7 +200,8 @@ def fit_surface(range_map: RangeMap, profile: NoiseProfile, *, patches: bool = F
     fine = [z, zxx, zxy, zyy]
     if profile.fine_smoothing != profile.smoothing:
         fine = fit(profile.fine_smoothing).sample(x, y, [(0, 0), (2, 0), (1, 1), (0, 2)])
-    inside = garment & _near_data(weight, 0.5 * profile.knot_spacing / resolution)
+    reach = max(0.5 * profile.knot_spacing, _rim(profile)) / resolution
+    inside = garment & _near_data(weight, reach)
     k_max, k_min = principal_curvatures(zx, zy, zxx, zxy, zyy)
     index = shape_index(k_max, k_min)
     classes = classify(index, curvedness(k_max, k_min), profile.flat_curvature)
@@ -273,9 +276,13 @@ def _binned(
         valid = cv2.resize(valid, size, interpolation=cv2.INTER_AREA)
         height = height / np.maximum(valid, 1e-6)
         garment = cv2.resize(garment, size, interpolation=cv2.INTER_NEAREST_EXACT)
-    rim = RIM_SPANS * profile.knot_spacing / (range_map.resolution * stride)
+    rim = _rim(profile) / (range_map.resolution * stride)
     weight = np.where(_depth_inside(garment) > rim, valid, np.float32(0.0))
     return weight, height, garment.astype(bool)
+
+
+def _rim(profile: NoiseProfile) -> float:
+    return max(RIM_SPANS * profile.knot_spacing, RIM_LEAST)
 
 
 def _depth_inside(mask: NDArray[np.uint8]) -> Floats:

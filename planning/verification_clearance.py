@@ -135,7 +135,7 @@ class _Search:
         """Samples between which no pair moves far, and the ends of the contact window."""
         leg = self._leg
         fastest = np.concatenate([[0.0], np.cumsum(self._speed.max(axis=1) * leg.step[:, 0])])
-        count = int(np.ceil(fastest[-1] / FIRST_STEP)) + 1
+        count = min(int(np.ceil(fastest[-1] / FIRST_STEP)) + 1, len(leg.times))
         chosen = np.searchsorted(fastest, np.linspace(0.0, fastest[-1], count))
         chosen = np.concatenate([[0], chosen, [len(leg.times) - 1]])
         times = leg.times[np.minimum(chosen, len(leg.times) - 1)]
@@ -278,6 +278,7 @@ class _Search:
                 clearances.append(self._clearance(i, pair))
             else:
                 elsewhere = min(elsewhere, float(self._bound[i]))
+        elsewhere = elsewhere if np.isfinite(elsewhere) else 0.0
         clearances.sort(key=lambda pair: pair.margin)
         for name, among in (
             ("clearance", [c for c in clearances if c.kind not in MEANT]),

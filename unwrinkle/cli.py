@@ -59,7 +59,7 @@ for _module in pkgutil.iter_modules(commands.__path__):
 def main() -> None:
     """Run the command line; bad input and impossible plans end in one line on stderr."""
     try:
-        app()
+        app(prog_name="unwrinkle")
     except UnwrinkleError as error:
         print("unwrinkle: " + " ".join(str(error).split()), file=sys.stderr)
         sys.exit(error.exit_code)
