@@ -8,8 +8,6 @@ Data: L. Wagner, D. Krejcova, V. Smutny, "CTU Color and Depth Image Dataset of S
 CTU-CMP-2013-25; a folder of it is found by the variable UNWRINKLE_DATA or beside the repository.
 """
 
-import os
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -18,6 +16,7 @@ import yaml
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from unwrinkle.benchmarks._data import data_folder
 from unwrinkle.benchmarks.report import Progress
 from unwrinkle.models import InputError
 from unwrinkle.perception.capture import load_capture, segment_capture
@@ -29,7 +28,7 @@ _FOLDER = "clopema_ctu_spread_garments"
 
 def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
     """Measure the mask of every sample, with its colour and by depth alone."""
-    folder = _data_folder()
+    folder = data_folder(_FOLDER)
     samples: list[dict[str, Any]] = []
     paths = sorted(folder.glob("cloD*.png"))
     if not paths:
@@ -133,11 +132,3 @@ def _fill(image: NDArray[np.uint8], polygons: list[NDArray[np.float64]]) -> None
 
 def _without_colour(capture: Capture) -> Capture:
     return Capture(capture.depth, capture.camera, X_WC=capture.X_WC, name=capture.name)
-
-
-def _data_folder() -> Path:
-    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
-    folder = Path(os.environ.get("UNWRINKLE_DATA", beside)) / _FOLDER
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; set UNWRINKLE_DATA to the folder of captures")
-    return folder

@@ -140,14 +140,14 @@ def fit_spline(
     *,
     smoothing: float = 0.0,
     patches: bool = False,
-    sweeps: int = 12,
+    sweeps: int = 30,
 ) -> TensorSpline:
     """Fit a tensor B-spline to the cells of `height` where `weight` > 0, in the least squares sense.
 
     With weights of one everywhere, one separable solve is the answer. With holes it is the first of
     the *fill and refit* sweeps: fill the holes with the fit, fit again. Those sweeps are a
     Richardson iteration with the full grid's solve as preconditioner; conjugate gradients take
-    the same steps and need about ten instead of hundreds. Parts that no cell supports keep
+    the same steps and need some tens instead of thousands. Parts that no cell supports keep
     what the first fill gave them (nearest cell outwards).
 
     A penalty on the third derivative along each axis makes the fit a low-pass with the response

@@ -35,7 +35,7 @@ Line = NDArray[np.float64]
 TANGENT_LENGTH = 0.015
 
 #: Pieces shorter than this share of the profile's shortest wrinkle are noise.
-PIECE_SHARE = 0.25
+PIECE_SHARE = 0.12
 
 #: Ridge points nearer to the rim than this are left out (in knot spacings, and at least in metres):
 #: the fit is weak there, and cloth comes down to the table over some millimetres.

@@ -32,6 +32,9 @@ PULL_COEFFICIENT = 1.10
 #: captures layers' edges lie below 0.35 and folds above 0.5.
 LEAST_FALL_RATIO = 0.4
 
+#: Lower ridges are the cloth's own texture, or the ripple that a smoothed step leaves beside it.
+LEAST_PEAK = 0.001
+
 #: Of the samples along a ridge, at least this share must have contours on both sides.
 LEAST_YIELD = 0.5
 
@@ -278,7 +281,7 @@ def _measure(
     pieces = np.linalg.norm(np.diff(ridge, axis=0), axis=1)
     length = float(pieces.sum())
     peak_height = float(np.median(_height_over(peaks, feet[0], feet[1])))
-    if length < profile.wrinkle_length or peak_height < profile.depth_noise:
+    if length < profile.wrinkle_length or peak_height < max(profile.depth_noise, LEAST_PEAK):
         return None
     widths = np.linalg.norm(contours[1] - contours[0], axis=1)
     heights = triplet_height(

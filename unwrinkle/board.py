@@ -14,7 +14,7 @@ _MARGIN = 24
 _SCALE = 1.05  # of OpenCV's font, for that height
 
 
-def board(lines: list[tuple[str, str]], height: float) -> tuple[Any, float]:
+def board(lines: list[tuple[str, str]], height: float) -> Any:
     """Make a board in its own x, z plane, facing -y, with its lower edge centred on the origin.
 
     Args:
@@ -22,16 +22,15 @@ def board(lines: list[tuple[str, str]], height: float) -> tuple[Any, float]:
         height: of the board, m.
 
     Returns:
-        The shape for `Meshcat.SetObject`, and the board's width, m.
+        The shape for `Meshcat.SetObject`; its width follows from the texts.
     """
     image = _picture(lines)
     aspect = image.shape[1] / image.shape[0]
     ok, png = cv2.imencode(".png", image[..., ::-1])
     if not ok:
         raise RuntimeError("OpenCV cannot write PNG")
-    width = aspect * height
     # glTF's axes have y up; Drake turns them into ours.
-    x, y = 0.5 * width, height
+    x, y = 0.5 * aspect * height, height
     corners = np.array([[-x, 0, 0], [x, 0, 0], [x, y, 0], [-x, y, 0]], dtype="<f4")
     texture = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], dtype="<f4")
     faces = np.array([0, 1, 2, 0, 2, 3], dtype="<u2")
@@ -83,7 +82,7 @@ def board(lines: list[tuple[str, str]], height: float) -> tuple[Any, float]:
         ],
     }
     file = MemoryFile(json.dumps(document), ".gltf", "board.gltf")
-    return Mesh(InMemoryMesh(mesh_file=file)), width
+    return Mesh(InMemoryMesh(mesh_file=file))
 
 
 def _picture(lines: list[tuple[str, str]]) -> Any:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import MeshcatAnimation, Rgba
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.math import RigidTransform, RotationMatrix
 
 from unwrinkle.board import board
 from unwrinkle.models.robot import Cell
@@ -21,7 +21,7 @@ from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.poses import approach_direction
 from unwrinkle.planning.verification_verdict import Verdict
 from unwrinkle.playback import Playback, Step
-from unwrinkle.scene import CellScene, start_meshcat
+from unwrinkle.scene import FIELD_OF_VIEW, OVERVIEW, CellScene, start_meshcat
 from unwrinkle.shapes import arrow, triad, tube
 
 Array = NDArray[np.float64]
@@ -40,8 +40,6 @@ COLOURS = Colours(
 )
 _GRASP_ARROW = 0.11
 _POLL = 1.0 / 30.0
-#: In the first view at the lower left, on the floor before the working table.
-_BOARD = RigidTransform(RollPitchYaw(-0.5, 0.0, 0.15), [-0.95, -1.85, 0.02])
 
 _log = logging.getLogger(__name__)
 
@@ -251,11 +249,10 @@ class LivePreview:
             f"smallest clearance {summary.clearance_text}",
         )
         shade = "#14692d" if summary.passed else "#b71c1c"
-        writing = [(text, shade) for text in self.labels]
+        writing = [(part, shade) for text in self.labels for part in text.split(", ", 1)]
         writing.append((f"motion {plan.motion_time:.2f} s; cloth shown as seen", "#3b4654"))
-        sign, _ = board([(text.replace("–", "-"), shade) for text, shade in writing], 0.34)
-        meshcat.SetObject("plan/board", sign)
-        meshcat.SetTransform("plan/board", _BOARD)
+        meshcat.SetObject("plan/board", board([(t.replace("–", "-"), c) for t, c in writing], 0.36))
+        meshcat.SetTransform("plan/board", _in_first_view(-0.66, 0.58, 3.0))
         for label in self.labels:
             meshcat.AddButton(label)
         meshcat.AddButton("play / pause", "Space")
@@ -307,6 +304,18 @@ class LivePreview:
         clicks = int(self._meshcat.GetButtonClicks(name))
         before, self._clicks[name] = self._clicks[name], clicks
         return clicks > before
+
+
+def _in_first_view(across: float, up: float, depth: float) -> RigidTransform:
+    """Pose facing the first view's camera: shares (-1..1) of a 16:10 picture, and m in front of it."""
+    camera, target = (np.array(point) for point in OVERVIEW)
+    y = (target - camera) / np.linalg.norm(target - camera)
+    x = np.cross(y, [0.0, 0.0, 1.0])
+    x /= np.linalg.norm(x)
+    z = np.cross(x, y)
+    half = depth * np.tan(0.5 * np.radians(FIELD_OF_VIEW))
+    place = camera + depth * y + half * (1.6 * across * x + up * z)
+    return RigidTransform(RotationMatrix(np.column_stack([x, y, z])), place)
 
 
 def _rgba(colour: str) -> Any:

@@ -19,6 +19,8 @@ from unwrinkle.models.robot import Cell, add_cell, position_indices
 
 Array = NDArray[np.float64]
 
+#: Of the camera from top to bottom, degrees.
+FIELD_OF_VIEW = 42.0
 ILLUSTRATION = "illustration"
 PROXIMITY = "proximity"
 View = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -53,7 +55,7 @@ def start_meshcat(host: str = "localhost", port: int | None = None) -> Any:
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
     camera = Meshcat.PerspectiveCamera()
-    camera.fov = 42.0
+    camera.fov = FIELD_OF_VIEW
     meshcat.SetCamera(camera)
     look(meshcat, OVERVIEW)
     return meshcat

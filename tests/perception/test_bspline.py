@@ -40,17 +40,17 @@ def test_a_polynomial_is_reproduced_with_its_derivatives():
 
 def test_the_masked_fit_ignores_what_is_masked_and_extends_smoothly():
     x, y, X, Y = grid()
-    truth = quintic(X, Y)
+    truth = [0.1 * values for values in quintic(X, Y)]  # slopes of a garment
     rng = np.random.default_rng(0)
     weight = ((X - 0.06) ** 2 + (Y - 0.045) ** 2 < 0.035**2).astype(np.float32)
     weight[rng.random(X.shape) < 0.3] = 0.0  # 30 % holes
     height = np.where(weight > 0, truth[0], 1e6).astype(np.float32)
     z, zxx = fit_spline(height, weight, RESOLUTION, 0.01).sample(x, y, [(0, 0), (2, 0)])
     near = (X - 0.06) ** 2 + (Y - 0.045) ** 2 < 0.034**2
-    assert np.abs(z - truth[0])[near].max() < 2e-4
-    assert np.abs(z - truth[0])[near].mean() < 3e-5
+    assert np.abs(z - truth[0])[near].max() < 5e-5
+    assert np.abs(z - truth[0])[near].mean() < 3e-6
     core = (X - 0.06) ** 2 + (Y - 0.045) ** 2 < 0.025**2
-    assert np.abs(zxx - truth[3])[core].max() < 0.3
+    assert np.abs(zxx - truth[3])[core].max() < 1.0  # a wrinkle has 50 or more
 
 
 def test_the_masked_fit_is_the_weighted_least_squares_solution():

@@ -97,9 +97,7 @@ def test_majority_filter_equals_counting(radius):
     found = majority_filter(classes, radius)
     for row in range(radius, 24 - radius):
         for column in range(radius, 31 - radius):
-            window = classes[
-                row - radius : row + radius + 1, column - radius : column + radius + 1
-            ]
+            window = classes[row - radius : row + radius + 1, column - radius : column + radius + 1]
             assert found[row, column] == np.argmax(np.bincount(window.ravel(), minlength=10))
 
 
@@ -125,9 +123,10 @@ def test_the_rim_and_the_table_are_not_part_of_the_surface():
     middle = surface.cells(np.array(towel.centre)).astype(int)
     near = surface.classes[middle[1] - 60 : middle[1] + 60, middle[0] - 60 : middle[0] + 60]
     assert not near.any()
-    assert not surface.inside[surface.classes != FLAT].size or surface.inside[
-        surface.classes != FLAT
-    ].all()
+    assert (
+        not surface.inside[surface.classes != FLAT].size
+        or surface.inside[surface.classes != FLAT].all()
+    )
 
 
 def test_a_finer_map_gives_the_same_surface_on_the_same_grid_size():

@@ -1,0 +1,139 @@
+import math
+
+import numpy as np
+import pytest
+
+from unwrinkle.benchmarks.analysis import flat_map, map_of
+from unwrinkle.models import InputError
+from unwrinkle.perception.analysis import analyse
+from unwrinkle.perception.range_map import RangeMap
+from unwrinkle.perception.target import STRETCH_LIMIT, FlatteningTarget, NoTarget
+from unwrinkle.perception.targeting import (
+    GRASP_INSET,
+    TableTop,
+    flattening_target,
+    garment_contour,
+    section_length,
+)
+from unwrinkle.simulation.garments import Ridge, Towel
+
+CENTRE = (0.0, -1.1)
+
+
+def analysed(angle=0.0, *, height=0.022, centre=CENTRE, side=0.4, extent=0.5, **options):
+    towel = Towel(
+        ridges=(Ridge(centre, angle, height, 0.0135, 0.2),), centre=centre, side=side, waviness=0.0
+    )
+    return analyse(map_of(towel, 0.0005, extent=extent), **options)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, 1.3, -0.9])
+def test_the_hands_stand_across_the_wrinkle_on_the_contour(angle):
+    analysis = analysed(angle)
+    target = analysis.target
+    assert isinstance(target, FlatteningTarget)
+    normal = analysis.wrinkles[0].normal
+    contour = garment_contour(analysis.surface)
+    for sign, hand in zip((-1.0, 1.0), target.hands, strict=True):
+        away = hand.p_WG[:2] - target.p_WC[:2]
+        assert away @ (sign * normal) == pytest.approx(np.hypot(*away), abs=1e-6)
+        assert hand.pull_direction @ (sign * normal) == pytest.approx(1.0, abs=1e-6)
+        assert hand.grasp_direction @ hand.pull_direction < -0.6
+        assert hand.p_WG[2] == pytest.approx(0.7)
+        assert np.abs(hand.p_WG[:2] - np.array(CENTRE)).max() == pytest.approx(0.195, abs=0.004)
+        assert contour.contains(hand.p_WG[:2])
+        assert not contour.contains(hand.p_WG[:2] + 1.5 * GRASP_INSET * hand.pull_direction)
+
+
+def test_geodesic_distance_is_the_sections_length():
+    target = analysed().target
+    apart = abs(target.hands[1].p_WG[1] - target.hands[0].p_WG[1])
+    x = np.linspace(-0.2, 0.2, 40001)
+    z = 0.022 * np.exp(-0.5 * (x / 0.0135) ** 2)
+    extra = np.sum(np.hypot(np.diff(x), np.diff(z))) - 0.4
+    assert target.geodesic_distance == pytest.approx(apart + extra, abs=0.0005)
+
+
+def test_each_hand_pulls_the_modes_distance():
+    for mode in ("paper", "foot"):
+        analysis = analysed(mode=mode)
+        assert analysis.target.mode == mode
+        for hand in analysis.target.hands:
+            assert hand.pull_distance == analysis.wrinkles[0].pull_distance(mode)
+
+
+def test_pull_is_limited_by_the_cloth_between_the_hands():
+    """A narrow garment: 1.1 x slack for each hand would overstretch it."""
+    analysis = analysed(height=0.03, side=0.14, extent=0.3)
+    target = analysis.target
+    assert isinstance(target, FlatteningTarget)
+    pulls = [hand.pull_distance for hand in target.hands]
+    assert pulls[0] == pulls[1] < analysis.wrinkles[0].pull_distance("foot")
+    assert target.final_grip_distance == pytest.approx(STRETCH_LIMIT * target.geodesic_distance)
+
+
+def test_section_length_on_flat_cloth_is_the_distance():
+    analysis = analysed(height=0.022)
+    start, end = np.array([-0.15, -1.25]), np.array([0.15, -1.22])
+    length = section_length(analysis.surface, start, end)
+    assert length == pytest.approx(np.hypot(*(end - start)), rel=2e-3)
+
+
+@pytest.mark.parametrize("sensor", ["xtion", "tof"])
+def test_a_ragged_outline_gives_steady_grasp_directions(sensor):
+    flat = flat_map(sensor, 1)
+    rng = np.random.default_rng(0)
+    rows, columns = np.indices(flat.shape)
+    ragged = flat.garment.copy()
+    for axis in (0, 1):  # cells missing or too many along the rim, as depth edges are
+        rim = ragged ^ np.roll(ragged, 1, axis)
+        ragged ^= rim & (rng.random(flat.shape) < 0.5)
+    noisy = RangeMap(flat.height, flat.valid, ragged, flat.resolution, flat.origin, 0.7, sensor)
+    profile = analyse(noisy).surface
+    contour = garment_contour(profile)
+    sides = 0
+    for inward in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
+        along = np.array([-inward[1], inward[0]])
+        for shift in np.linspace(-0.15, 0.15, 31):
+            _, normal = contour.leave(np.array(CENTRE) + shift * along, -np.array(inward))
+            assert math.degrees(math.acos(min(normal @ np.array(inward), 1.0))) < 12.0
+            sides += 1
+    assert sides == 124
+    assert rows.shape == columns.shape
+
+
+def test_over_the_tables_edge_there_is_a_reason():
+    target = analysed(1.3, centre=(0.25, -1.1)).target
+    assert isinstance(target, NoTarget)
+    assert "table's edge" in target.reason and not target.flat
+
+
+def test_a_contour_cut_by_the_image_is_a_reason():
+    target = analysed(side=0.5, extent=0.42).target
+    assert isinstance(target, NoTarget)
+    assert "border" in target.reason
+
+
+def test_a_section_is_shifted_where_the_one_through_the_centre_fails():
+    """A table that ends between the wrinkle's centre and one of its ends."""
+    free = analysed(math.pi / 2).target
+    edge = TableTop(centre=(0.0, -1.1), size=(0.8, 0.8))
+    assert isinstance(free, FlatteningTarget)
+    analysis = analysed(math.radians(70.0))
+    whole = flattening_target(
+        analysis.range_map, analysis.surface, analysis.wrinkles[0], table=edge
+    )
+    tops = [hand.p_WG[1] for hand in whole.hands]
+    cut = TableTop(centre=(0.0, max(tops) - 0.02 - 0.4), size=(0.8, 0.8))
+    shifted = flattening_target(
+        analysis.range_map, analysis.surface, analysis.wrinkles[0], table=cut
+    )
+    assert isinstance(shifted, FlatteningTarget)
+    assert max(hand.p_WG[1] for hand in shifted.hands) < max(tops) - 0.019
+
+
+def test_an_unknown_mode_is_refused_and_a_centre_off_the_garment_is_a_reason():
+    analysis = analysed()
+    with pytest.raises(InputError, match="mode"):
+        flattening_target(analysis.range_map, analysis.surface, analysis.wrinkles[0], mode="feet")
+    assert garment_contour(analysis.surface, np.array([0.24, -1.1])) is None
