@@ -232,7 +232,7 @@ def _cut_at_kinks(piece: Line, ends: Line, gap: float, least: float) -> list[Lin
     junction = bool(np.any(cdist(others, piece[[kink]]) <= 0.5 * gap))
     if float(cosine.min()) >= (least if junction else SHARP_BEND):
         return [piece]
-    parts = piece[: kink - span // 2], piece[kink + span // 2 :]
+    parts = piece[: kink - span // 3], piece[kink + span // 3 :]
     return [part for half in parts for part in _cut_at_kinks(half, ends, gap, least)]
 
 

@@ -54,7 +54,8 @@ class _Open:
     shapes: Indices
 
     def __getitem__(self, mask: Mask) -> "_Open":
-        return _Open(*(a[mask] for a in (self.begin, self.end, self.d0, self.d1, self.shapes)))
+        begin, end, d0, d1 = (a[mask] for a in (self.begin, self.end, self.d0, self.d1))
+        return _Open(begin, end, d0, d1, self.shapes[mask])
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +167,8 @@ class _Search:
         p = centres[rows, second] - centres[rows, first]
         distances = np.sqrt(np.einsum("mi,mi->m", p, p)) - model.reach[shapes]
         near = np.flatnonzero(distances < MEASURED)
-        rows, shapes, first, second, p = (a[near] for a in (rows, shapes, first, second, p))
+        rows, shapes, first, second = (a[near] for a in (rows, shapes, first, second))
+        p = p[near]
         R = axes[rows, first], axes[rows, second]
         bound = face_gaps(model.shapes, first, second, R, p, self._directions[shapes])
         times = moments[rows]

@@ -180,19 +180,19 @@ class CellModel:
         ids = [i for body in solid for i in self._shapes(body)]
         inspector = self._diagram.scene_graph().model_inspector()
         self.shapes = outlines(inspector, ids, "the cell's models")
-        joint, X_JS = [], []
+        carriers, X_JS = [], []
         for body in solid:
-            chain = self._chain[_name(body)]
+            carrier = (-1, *self._chain[_name(body)])[-1]
             X_JB = body.EvalPoseInWorld(self._context)
-            if chain:
-                last = self._joints[chain[-1]].frame_on_child()
+            if carrier >= 0:
+                last = self._joints[carrier].frame_on_child()
                 X_JB = last.CalcPoseInWorld(self._context).inverse() @ X_JB
             for i in self._shapes(body):
-                joint.append(chain[-1] if chain else -1)
+                carriers.append(carrier)
                 X_JS.append((X_JB @ inspector.GetPoseInFrame(i)).GetAsMatrix4())
         X_GS = np.tile(np.eye(4), (len(ids), 1, 1))
         X_GS[:, :3, :3], X_GS[:, :3, 3] = self.shapes.R_GS, self.shapes.p_GS
-        self._shape_joint = np.array(joint, dtype=np.intp)
+        self._shape_joint = np.array(carriers, dtype=np.intp)
         self._X_JS = np.array(X_JS) @ X_GS
         self.moving = [_name(body) for body in solid if self._chain[_name(body)]]
         self.chains = [self._chain[name] for name in self.moving]

@@ -79,31 +79,31 @@ def outlines(inspector: SceneGraphInspector, ids: Sequence[GeometryId], names: s
     Raises:
         InputError: a shape has no bounds.
     """
-    half, disk, ball, R, p = [], [], [], [], []
-    for i in ids:
-        shape = inspector.GetShape(i)
-        size, edge, skin, R_GS, p_GS = np.zeros(3), 0.0, 0.0, np.eye(3), np.zeros(3)
-        if isinstance(shape, Box):
-            size = 0.5 * np.asarray(shape.size())
-        elif isinstance(shape, Cylinder):
-            size, edge = np.array([0.0, 0.0, 0.5 * shape.length()]), shape.radius()
-        elif isinstance(shape, Capsule):
-            size, skin = np.array([0.0, 0.0, 0.5 * shape.length()]), shape.radius()
-        elif isinstance(shape, Sphere):
-            skin = shape.radius()
-        else:
-            box = None if isinstance(shape, HalfSpace) else CalcObb(shape)
-            if box is None:
-                raise InputError(f"{names}: collision shape '{inspector.GetName(i)}' has no bounds")
-            size, pose = np.asarray(box.half_width()), box.pose()
-            R_GS, p_GS = pose.rotation().matrix(), pose.translation()
-        for values, value in zip(
-            (half, disk, ball, R, p), (size, edge, skin, R_GS, p_GS), strict=True
-        ):
-            values.append(value)
+    rows = [_outline(inspector, i, names) for i in ids]
     return Shapes(
-        tuple(ids), *(np.array(values, dtype=float) for values in (half, disk, ball, R, p))
+        tuple(ids), *(np.array(column, dtype=float) for column in zip(*rows, strict=True))
     )
+
+
+def _outline(
+    inspector: SceneGraphInspector, i: GeometryId, names: str
+) -> tuple[Array, float, float, Array, Array]:
+    """The fields of `Shapes` for one shape."""
+    shape = inspector.GetShape(i)
+    none, here, along = np.zeros(3), np.eye(3), np.array([0.0, 0.0, 0.5])
+    if isinstance(shape, Box):
+        return 0.5 * np.asarray(shape.size()), 0.0, 0.0, here, none
+    if isinstance(shape, Cylinder):
+        return along * shape.length(), shape.radius(), 0.0, here, none
+    if isinstance(shape, Capsule):
+        return along * shape.length(), 0.0, shape.radius(), here, none
+    if isinstance(shape, Sphere):
+        return none, 0.0, shape.radius(), here, none
+    box = None if isinstance(shape, HalfSpace) else CalcObb(shape)
+    if box is None:
+        raise InputError(f"{names}: collision shape '{inspector.GetName(i)}' has no bounds")
+    pose = box.pose()
+    return np.asarray(box.half_width()), 0.0, 0.0, pose.rotation().matrix(), pose.translation()
 
 
 def _extents(shapes: Shapes, which: Indices, R: Array, n: Array) -> Array:

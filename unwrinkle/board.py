@@ -18,7 +18,7 @@ def board(lines: list[tuple[str, str]], height: float) -> Any:
     """Make a board in its own x, z plane, facing -y, with its lower edge centred on the origin.
 
     Args:
-        lines: texts (ASCII; other characters become "?") and their colours, #rrggbb.
+        lines: texts and their colours, #rrggbb.
         height: of the board, m.
 
     Returns:

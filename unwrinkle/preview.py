@@ -251,7 +251,7 @@ class LivePreview:
         shade = "#14692d" if summary.passed else "#b71c1c"
         writing = [(part, shade) for text in self.labels for part in text.split(", ", 1)]
         writing.append((f"motion {plan.motion_time:.2f} s; cloth shown as seen", "#3b4654"))
-        meshcat.SetObject("plan/board", board([(t.replace("–", "-"), c) for t, c in writing], 0.36))
+        meshcat.SetObject("plan/board", board(writing, 0.36))
         meshcat.SetTransform("plan/board", _in_first_view(-0.66, 0.58, 3.0))
         for label in self.labels:
             meshcat.AddButton(label)

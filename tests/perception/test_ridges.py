@@ -58,7 +58,7 @@ def test_contours_are_two_sigma_apart():
 
 def test_a_broken_ridge_is_joined_when_the_gap_is_small():
     half = 0.15
-    near = [Ridge((x, -1.1), 0.0, 0.015, 0.010, 0.10) for x in (-0.052, 0.052)]
+    near = [Ridge((x, -1.1), 0.0, 0.015, 0.010, 0.10) for x in (-0.048, 0.048)]
     apart = [Ridge((x, -1.1), 0.0, 0.015, 0.010, 0.10) for x in (-0.10, 0.10)]
     joined = lines_of(surface_of(*near, side=2 * half + 0.1))
     assert len(joined) == 1

@@ -302,6 +302,7 @@ def test_a_gripper_moves_its_upper_blade_alone(model: CellModel) -> None:
 # Whole plans.
 
 
+@pytest.mark.slow
 def test_proven_clearances_hold_in_brute_force(
     plan: FlatteningPlan, cell: Cell, model: CellModel
 ) -> None:
