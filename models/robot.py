@@ -9,7 +9,14 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.multibody.parsing import LoadModelDirectives, Parser, ProcessModelDirectives
+from pydrake.multibody.parsing import (
+    LoadModelDirectives,
+    ModelDirective,
+    ModelDirectives,
+    PackageMap,
+    Parser,
+    ProcessModelDirectives,
+)
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.planning import RobotDiagram, RobotDiagramBuilder
 
@@ -70,10 +77,18 @@ class Cell:
     def robot_hash(self) -> str:
         """SHA-256 (hex) over every model file and setting that decides where the robot's and the cell's bodies are."""
         digest = hashlib.sha256()
-        for uri in [*self.scenario.directives, self.scenario.robot]:
-            digest.update(resolve(uri).read_bytes())
-        for path in sorted([*models_dir().glob("*.urdf"), *models_dir().glob("*.sdf")]):
+        digest.update(resolve(self.scenario.robot).read_bytes())
+        packages = PackageMap()
+        packages.AddPackageXml(str(models_dir() / "package.xml"))
+        waiting = [resolve(uri) for uri in self.scenario.directives]
+        for path in waiting:  # grows by the files that the directives name
             digest.update(path.read_bytes())
+            if path.suffix != ".yaml":
+                continue
+            for directive in _directives(path):
+                for item in (directive.add_model, directive.add_directives):
+                    if item is not None:
+                        waiting.append(Path(packages.ResolveUrl(item.file)))
         for setting in (self.scenario.gaze, self.scenario.gripper, self.scenario.clearance):
             digest.update(repr(setting).encode())
         digest.update(repr(self.scenario.table).encode())
@@ -134,8 +149,9 @@ def add_cell(cell: Cell, plant: MultibodyPlant, parser: Parser) -> None:
     configure_parser(parser)
     for uri in cell.scenario.directives:
         path = resolve(uri)
+        directives = _directives(path)
         try:
-            ProcessModelDirectives(LoadModelDirectives(str(path)), parser)
+            ProcessModelDirectives(ModelDirectives(directives=directives), parser)
         except RuntimeError as error:
             raise InputError(f"{path}: not usable as model directives: {error}") from error
     limits = cell.limits
@@ -153,6 +169,18 @@ def add_cell(cell: Cell, plant: MultibodyPlant, parser: Parser) -> None:
         row = limits.head.pan if i % 2 == 0 else limits.head.tilt
         joint.set_position_limits([row.lower], [row.upper])
         joint.set_default_positions([cell.scenario.gaze[i % 2]])
+
+
+def _directives(path: Path) -> list[ModelDirective]:
+    """The directives of a file.
+
+    Raises:
+        InputError: it is not of that form.
+    """
+    try:
+        return list(LoadModelDirectives(str(path)).directives)
+    except RuntimeError as error:
+        raise InputError(f"{path}: not usable as model directives: {error}") from error
 
 
 def build_robot_diagram(cell: Cell) -> RobotDiagram:

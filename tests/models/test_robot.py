@@ -208,3 +208,20 @@ def test_directives_that_do_not_parse_are_named(cell, tmp_path):
     broken.write_text("directives:\n- add_wheel: {name: x}\n")
     with pytest.raises(InputError, match=r"broken\.dmd\.yaml"):
         build_robot_diagram(load_cell(dc.replace(cell.scenario, directives=[str(broken)])))
+
+
+def test_hash_covers_models_that_a_directives_file_of_the_user_names(cell, tmp_path):
+    """Regression: the shape of an obstacle outside the package was not hashed."""
+    sdf = (
+        "<sdf version='1.9'><model name='post'><link name='post'><collision name='c'><geometry><box>"
+        "<size>0.1 0.1 {height}</size></box></geometry></collision></link></model></sdf>"
+    )
+    model = tmp_path / "post.sdf"
+    extra = tmp_path / "post.dmd.yaml"
+    extra.write_text(f"directives:\n- add_model: {{name: post, file: file://{model}}}\n")
+    scenario = dc.replace(cell.scenario, directives=[*cell.scenario.directives, str(extra)])
+    hashes = set()
+    for height in (0.5, 1.5):
+        model.write_text(sdf.format(height=height))
+        hashes.add(load_cell(scenario).robot_hash)
+    assert len(hashes) == 2 and cell.robot_hash not in hashes
