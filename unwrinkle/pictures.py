@@ -57,12 +57,17 @@ Painter = Callable[[Axes, Figure], None]
 
 
 def save_pictures(
-    folder: Path, analysis: Analysis, wrinkledness: Wrinkledness, *, title: str = ""
+    folder: Path,
+    analysis: Analysis,
+    wrinkledness: Wrinkledness,
+    *,
+    title: str = "",
+    singles: bool = True,
 ) -> list[Path]:
-    """Write `panel.png` and one file per picture into the folder; return their paths."""
+    """Write `panel.png` and, with `singles`, one file per picture into the folder; return their paths."""
     painters = _painters(analysis, wrinkledness)
     written: list[Path] = []
-    for name, (caption, painter) in painters.items():
+    for name, (caption, painter) in painters.items() if singles else ():
         figure = Figure(figsize=(7.5, 6.0), layout="constrained")
         axes = figure.add_subplot()
         painter(axes, figure)
@@ -84,7 +89,7 @@ def save_pictures(
 def _write(figure: Figure, path: Path, dpi: int) -> Path:
     FigureCanvasAgg(figure)
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=dpi)
+        figure.savefig(temporary, dpi=dpi, pil_kwargs={"compress_level": 3})
     return path
 
 

@@ -62,7 +62,7 @@ def test_a_broken_ridge_is_joined_when_the_gap_is_small():
     apart = [Ridge((x, -1.1), 0.0, 0.015, 0.010, 0.10) for x in (-0.10, 0.10)]
     joined = lines_of(surface_of(*near, side=2 * half + 0.1))
     assert len(joined) == 1
-    assert np.ptp(joined[0][:, 0]) * 0.001 > 0.2
+    assert np.ptp(joined[0][:, 0]) * 0.001 > 0.15
     assert len(lines_of(surface_of(*apart, side=2 * half + 0.15))) == 2
 
 

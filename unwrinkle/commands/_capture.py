@@ -112,9 +112,14 @@ def analysed(options: CaptureOptions, cell: "Cell") -> "Analysis":
 
 
 def save_analysis(
-    folder: Path, analysis: "Analysis", options: CaptureOptions, *, pictures: bool
+    folder: Path,
+    analysis: "Analysis",
+    options: CaptureOptions,
+    *,
+    pictures: bool,
+    singles: bool = False,
 ) -> None:
-    """Write the range map, analysis.json and, if wanted, the pictures."""
+    """Write the range map, analysis.json and, if wanted, the panel of pictures and each one singly."""
     from unwrinkle.models.files import write_json
 
     entropy = analysis.wrinkledness
@@ -123,7 +128,7 @@ def save_analysis(
     if pictures:
         from unwrinkle.pictures import save_pictures
 
-        save_pictures(folder, analysis, entropy, title=options.capture.name)
+        save_pictures(folder, analysis, entropy, title=options.capture.name, singles=singles)
 
 
 def _report(

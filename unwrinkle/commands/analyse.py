@@ -46,7 +46,7 @@ def analyse(
     analysis = analysed(options, load_cell(load_scenario(scenario)))
     folder = out or options.folder
     with finished_folder(folder) as work:
-        save_analysis(work, analysis, options, pictures=pictures)
+        save_analysis(work, analysis, options, pictures=pictures, singles=True)
     console = Console()
     print_wrinkles(console, analysis, analysis.target_index)
     target = analysis.target

@@ -85,7 +85,7 @@ def plan(
     with finished_folder(folder) as work:
         save_analysis(work, analysis, options, pictures=pictures)
         clock.lap("pictures")
-        _save_plan(work, result, verdict, cell)
+        _save_plan(work, result, verdict, cell, capture.name)
         clock.lap("page")
     _print_plan(console, index, result, verdict)
     console.print(f"times: {clock}", highlight=False)
@@ -101,9 +101,8 @@ def _planned(
     Raises:
         NoSafePlanError: there are wrinkles to flatten, and no safe motion for any.
     """
-    from unwrinkle.garment_mesh import garment_surface
+    from unwrinkle.garment_mesh import garment_of
     from unwrinkle.perception.target import NoTarget
-    from unwrinkle.perception.targeting import garment_contour
     from unwrinkle.planning.planner import FlatteningPlanner
     from unwrinkle.planning.verification import verify
 
@@ -113,13 +112,11 @@ def _planned(
     clock.lap("cell model")
     reasons: list[str] = []
     for index in analysis.worth_pulling:
-        wrinkle, target = analysis.wrinkles[index], analysis.target_for(index)
+        target = analysis.target_for(index)
         if isinstance(target, NoTarget):
             reasons.append(f"wrinkle {index + 1}: {target.reason}")
             continue
-        contour = garment_contour(analysis.surface, wrinkle.centre)
-        outline = None if contour is None else contour.points
-        garment = garment_surface(analysis.range_map, wrinkle.curve, outline)
+        garment = garment_of(analysis, index)
         clock.lap("garment mesh")
         result = planner.plan(target, garment=garment, arms=arms)
         clock.lap("planning")
@@ -135,14 +132,17 @@ def _planned(
     raise NoSafePlanError("no safe plan: " + "; ".join(reasons))
 
 
-def _save_plan(folder: Path, result: "PlanResult", verdict: "Verdict", cell: "Cell") -> None:
+def _save_plan(
+    folder: Path, result: "PlanResult", verdict: "Verdict", cell: "Cell", title: str
+) -> None:
     from unwrinkle.models.files import write_json, write_text
     from unwrinkle.preview import PreviewSummary, preview_page
 
     assert result.plan is not None
     result.plan.save(folder / "plan.npz")
     write_json(folder / "verdict.json", verdict.to_json())
-    write_text(folder / "preview.html", preview_page(result.plan, cell, PreviewSummary.of(verdict)))
+    page = preview_page(result.plan, cell, PreviewSummary.of(verdict), title=title)
+    write_text(folder / "preview.html", page)
 
 
 def _print_plan(console: "Console", index: int, result: "PlanResult", verdict: "Verdict") -> None:
