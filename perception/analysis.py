@@ -62,6 +62,17 @@ class Analysis:
         """Whether every wrinkle is below the profile's halting pull: the garment is done."""
         return self.halting_measure < self.profile.halting_pull
 
+    @property
+    def share_beyond_table(self) -> float:
+        """Share of the garment's area that lies beyond the table's edges."""
+        rows, columns = np.nonzero(self.range_map.garment)
+        points = self.range_map.origin + self.range_map.resolution * np.column_stack(
+            [columns, rows]
+        )
+        half = 0.5 * np.asarray(self.table.size)
+        beyond = np.any(np.abs(points - self.table.centre) > half, axis=1)
+        return float(beyond.mean()) if len(beyond) else 0.0
+
     @cached_property
     def classes(self) -> NDArray[np.uint8]:
         """Shape classes on the range map's grid, uint8, 0 flat or outside."""

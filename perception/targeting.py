@@ -260,14 +260,14 @@ def _problem(
     overhang = table.overhang(grasp)
     if overhang > 0.0:
         return (
-            f"the garment reaches over the table's edge {place} by {overhang:.3f} m "
-            "(its margin included): move the garment"
+            f"the garment reaches over the table's edge {place} by {overhang:.3f} m; "
+            "move or turn the garment"
         )
     seen = _seen_outside(range_map, edge, outward)
     if seen < LEAST_SEEN:
         return (
-            f"the garment's contour is cut by the image's border {place}: only {seen:.0%} of the "
-            f"{OUTSIDE_PROBE} m outside it was measured; move the camera or the garment"
+            f"what lies outside the garment's contour {place} was not seen (the image's border, or the "
+            f"shadow of a fold): only {seen:.0%} of {OUTSIDE_PROBE} m; move the camera or the garment"
         )
     angle = math.asin(min(max(float(-inward @ outward), -1.0), 1.0))
     if angle < least_angle:

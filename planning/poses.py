@@ -21,6 +21,10 @@ GRIPPER_OPEN = (True, True, True, False, False, True, True)
 PIECES = (("approach", 0, 2), ("pull", 2, 4), ("release", 4, 6))
 #: Fraction of the pull at which the pull pose stands.
 _PULL_FRACTION = 0.8
+#: A rounded corner passes the corner at this times its radius times the change of direction.
+_CUT_OFF = 0.15625
+#: Steps of the iteration that moves a corner out until its rounding meets the pose; each leaves about a fifth.
+_MEET_STEPS = 5
 
 
 @dataclass(frozen=True)
@@ -102,7 +106,7 @@ def piece_counts(positions: Sequence[Array], step: float) -> list[int]:
     return counts
 
 
-def piece(positions: Array, radius: float, count: int) -> Array:
+def piece(positions: Array, radius: float, count: int, *, meet: bool = False) -> Array:
     """A piece through three poses with its corner rounded, p_WT (count + 1, 3).
 
     Along the arc length the direction turns from the first leg's to the second's over a blend of the given radius, by a quintic
@@ -112,28 +116,42 @@ def piece(positions: Array, radius: float, count: int) -> Array:
         positions: (3, 3) start, corner, end.
         radius: m; at most 0.9 of the shorter leg is used.
         count: intervals, equal in arc length.
+        meet: the rounded path goes through the middle pose; else it passes it on the inside.
     """
     start, corner, end = positions
-    legs = corner - start, end - corner
-    lengths = np.array([np.linalg.norm(leg) for leg in legs])
+    if meet:
+        for _ in range(_MEET_STEPS):
+            first, second, _, r = _legs(start, corner, end, radius)
+            corner = positions[1] + _CUT_OFF * r * (first - second)
+    first, second, lengths, r = _legs(start, corner, end, radius)
     total = lengths.sum()
     s = np.linspace(0.0, total, count + 1)
-    if min(lengths) < 1e-9:
+    if r == 0.0:
         return np.asarray(start + (end - start) * (s / max(total, 1e-12))[:, None])
-    r = min(radius, 0.9 * lengths.min())
-    first, second = legs[0] / lengths[0], legs[1] / lengths[1]
     x = np.clip((s - lengths[0] + r) / (2.0 * r), 0.0, 1.0)
     # Integral of the smoothstep 6 x^5 - 15 x^4 + 10 x^3 from 0 to x, then the full direction beyond the blend.
     turned = 2.0 * r * (x**6 - 3.0 * x**5 + 2.5 * x**4) + np.maximum(s - lengths[0] - r, 0.0)
     return np.asarray(start + first * s[:, None] + (second - first) * turned[:, None])
 
 
+def _legs(
+    start: Array, corner: Array, end: Array, radius: float
+) -> tuple[Array, Array, Array, float]:
+    """Directions and lengths of the two legs, and the blend's radius; 0 where a leg has no length."""
+    legs = corner - start, end - corner
+    lengths = np.array([np.linalg.norm(leg) for leg in legs])
+    if lengths.min() < 1e-9:
+        return np.zeros(3), np.zeros(3), lengths, 0.0
+    return legs[0] / lengths[0], legs[1] / lengths[1], lengths, min(radius, 0.9 * lengths.min())
+
+
 def pieces(positions: Array, radius: float, counts: list[int]) -> list[Array]:
     """The three pieces of a hand, each (count + 1, 3), never below the lowest of the seven poses."""
     floor = positions[:, 2].min()
     out = []
-    for (_, first, last), count in zip(PIECES, counts, strict=True):
-        p = piece(positions[first : last + 1], radius, count)
+    for (name, first, last), count in zip(PIECES, counts, strict=True):
+        # Down at the table the inside of the corner is above it; up at the pull pose it would cost lift.
+        p = piece(positions[first : last + 1], radius, count, meet=name == "pull")
         p[:, 2] = np.maximum(p[:, 2], floor)
         out.append(p)
     return out

@@ -88,3 +88,13 @@ def test_pieces_meet_and_never_dip_below_the_table_gap(make_target):
     assert min(part[:, 2].min() for part in parts) >= p[:, 2].min() - 1e-12
     for part, (_, _, last) in zip(parts, PIECES, strict=True):
         assert np.allclose(part[-1], p[last])
+
+
+@pytest.mark.parametrize("pull", [0.005, 0.015, 0.03])
+def test_the_pull_pose_is_met(make_target, pull):
+    """Regression: the rounded corner passed the pull pose 8 mm below."""
+    hand = make_target(pull=pull).hands[0]
+    p = seven_positions(hand, Freedom(0.0, 0.8), NORMAL_STROKE)
+    path = pieces(p, NORMAL_STROKE.blend, [40, 80, 40])[1]
+    assert np.linalg.norm(path - p[3], axis=1).min() < 1.5e-3
+    assert path[:, 2].max() - p[2, 2] < NORMAL_STROKE.lift + 2e-3

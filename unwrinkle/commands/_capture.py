@@ -49,6 +49,8 @@ ScenarioOption = Annotated[
 ]
 
 _LISTED = 12
+#: Share of the garment beyond the table's edge that is worth a note.
+_OVERHANG = 0.02
 
 
 @dataclass(frozen=True)
@@ -169,6 +171,11 @@ def print_wrinkles(console: "Console", analysis: "Analysis", marked: int | None)
             f"{wrinkle.volume_score:.2f}",
         )
     console.print(table)
+    beyond = analysis.share_beyond_table
+    if beyond > _OVERHANG:
+        console.print(
+            f"[bold]note[/bold]: {beyond:.0%} of the garment lies beyond the table's edge"
+        )
     hidden = len(analysis.wrinkles) - _LISTED
     if hidden > 0:
         console.print(f"and {hidden} smaller ones, all in analysis.json")
