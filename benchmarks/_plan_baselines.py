@@ -1,4 +1,4 @@
-"""What the planner is compared with: Drake's inverse kinematics in its search, and OMPL's RRT-Connect for the whole motion."""
+"""What the planner is compared with: Drake's inverse kinematics in its search, ruckig's sections, OMPL's RRT-Connect."""
 
 import time
 from dataclasses import replace
@@ -8,12 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.benchmarks._sectioned_ruckig import sectioned_ruckig_time
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.planning.collision import CollisionModel
 from unwrinkle.planning.joint_lines import time_line
 from unwrinkle.planning.kinematics import Kinematics
+from unwrinkle.planning.optimum import jerk_free_time
 from unwrinkle.planning.oracle import DrakeInverseKinematics
+from unwrinkle.planning.planner import FlatteningPlanner
 from unwrinkle.planning.poses import POSES
 from unwrinkle.planning.search import Motion, MotionSearch
 from unwrinkle.planning.settings import PlannerSettings
@@ -92,6 +95,38 @@ def rrt_baseline(cell: Cell, targets: list[FlatteningTarget]) -> dict[str, Any]:
         "deviation_median": median(strays),
         "deviation_max": max(strays, default=None),
         "stretch_max": max(stretches, default=None),
+    }
+
+
+def ruckig_baseline(cell: Cell, targets: list[FlatteningTarget]) -> dict[str, Any]:
+    """The plans' curved pieces timed by toppra followed by sections of ruckig, and by the planner's own law."""
+    planner, limits = FlatteningPlanner(cell), cell.limits
+    own, sectioned, times, failed = [], [], [], 0
+    for target in targets:
+        pieces = planner.plan(target).pieces
+        tips = [limits.tip_speed_holding if i == 1 else None for i in range(len(pieces))]
+        clock = time.perf_counter()
+        durations = [
+            sectioned_ruckig_time(piece.path, limits, tip)
+            for piece, tip in zip(pieces, tips, strict=True)
+        ]
+        times.append(time.perf_counter() - clock)
+        least = sum(
+            jerk_free_time(piece.path, limits, tip) for piece, tip in zip(pieces, tips, strict=True)
+        )
+        found = [duration for duration in durations if duration is not None]
+        if len(found) < len(durations) or not pieces:
+            failed += 1
+            continue
+        own.append(sum(piece.duration for piece in pieces) / least)
+        sectioned.append(sum(found) / least)
+    return {
+        "tasks": len(targets),
+        "failed": failed,
+        "own_ratio_median": float(np.median(own)),
+        "ratio_median": float(np.median(sectioned)),
+        "ratio_max": float(np.max(sectioned)),
+        "time_median": float(np.median(times)),
     }
 
 

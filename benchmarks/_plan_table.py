@@ -98,9 +98,15 @@ def _baselines(results: dict[str, Any]) -> str:
     own, drake, rrt = (
         results[k] for k in ("same_tasks", "drake_inverse_kinematics", "ompl_rrt_connect")
     )
+    ruckig = results["sectioned_ruckig"]
+    sections = (
+        f"The plans' curved pieces over toppra's optimum, median on {ruckig['tasks']} targets: own law "
+        f"{ruckig['own_ratio_median']:.3f}, toppra followed by sections of ruckig on the path parameter "
+        f"{ruckig['ratio_median']:.3f} (max {ruckig['ratio_max']:.3f}; {ruckig['failed']} plans without a solution).\n"
+    )
     lines = _head(f"on the same {own['tasks']} targets", "own", "Drake IK in the search", "OMPL")
     if "skipped" in rrt:
-        return f"OMPL's RRT-Connect was skipped: {rrt['skipped']}.\n"
+        return f"{sections}\nOMPL's RRT-Connect was skipped: {rrt['skipped']}.\n"
     lines += [
         _row(
             "dual-arm success",
@@ -139,4 +145,4 @@ def _baselines(results: dict[str, Any]) -> str:
             f"{_millimetres(rrt['deviation_median'])} / {_millimetres(rrt['deviation_max'])}",
         ),
     ]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines) + "\n\n" + sections

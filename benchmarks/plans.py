@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from unwrinkle.benchmarks._plan_baselines import drake_baseline, rrt_baseline
+from unwrinkle.benchmarks._plan_baselines import drake_baseline, rrt_baseline, ruckig_baseline
 from unwrinkle.benchmarks._plan_table import plans_table
 from unwrinkle.benchmarks._plan_tasks import Task, flattening_task, tasks
 from unwrinkle.benchmarks.report import Progress
@@ -27,7 +27,7 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
     """Plan and verify every task, at catalogue speed and at the site's; then the baselines on a part of them."""
     cell = load_cell()
     todo = tasks(seed, quick=quick)
-    total = 2 * len(todo) + 2
+    total = 2 * len(todo) + 3
     results: dict[str, Any] = {"tasks": len(todo)}
     rows = _run_all(cell, todo, progress, 0, total, "plans")
     results |= _summary(rows)
@@ -36,12 +36,13 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
     slow = _run_all(cell.with_speed(SITE_SPEED), todo, progress, len(todo), total, "site speed")
     results["site_speed"] = _summary(slow) | {"speed": SITE_SPEED}
     few = [task.target for task in todo[:: 2 if quick else 6]]
+    progress(total - 3, total, "ruckig's sections")
+    results["sectioned_ruckig"] = ruckig_baseline(cell, few)
     progress(total - 2, total, "Drake's IK")
     results["drake_inverse_kinematics"] = drake_baseline(cell, few)
     progress(total - 1, total, "RRT-Connect")
     results["ompl_rrt_connect"] = rrt_baseline(cell, few)
-    own = [row for row in rows[:: 2 if quick else 6]]
-    results["same_tasks"] = _summary(own)
+    results["same_tasks"] = _summary(rows[:: 2 if quick else 6])
     return results
 
 

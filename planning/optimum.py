@@ -39,7 +39,7 @@ def jerk_free_time(
     ]
     if tip_speed is not None and path.tip_rate is not None:
         rate = np.maximum(path.tip_rate(s), 1e-12)
-        constraints.append(_SpeedCap(s, tip_speed / rate, len(limits.velocity)))
+        constraints.append(SpeedCap(s, tip_speed / rate, len(limits.velocity)))
     problem = toppra.algorithm.TOPPRA(
         constraints,
         toppra.SplineInterpolator(s, path.spline(s)),
@@ -63,10 +63,11 @@ def jerk_free_line_time(start: Array, goal: Array, limits: Limits) -> float:
     return 1.0 / speed + speed / acceleration
 
 
-class _SpeedCap(toppra.constraint.LinearConstraint):
+class SpeedCap(toppra.constraint.LinearConstraint):
     """An upper bound on ds/dt along the path."""
 
     def __init__(self, s: Array, cap: Array, dof: int) -> None:
+        """Take the bounds cap (M,), 1/s, at path parameters s (M,), of a path with `dof` axes."""
         super().__init__()
         self._s, self._cap = s, cap
         self.dof = dof
@@ -75,6 +76,7 @@ class _SpeedCap(toppra.constraint.LinearConstraint):
         self.identical = False
 
     def compute_constraint_params(self, path, gridpoints, *_):  # type: ignore[no-untyped-def]
+        """What toppra asks of a constraint: here only bounds on the squared speed."""
         cap = np.interp(gridpoints, self._s, self._cap)
         bound = np.column_stack([np.zeros(len(cap)), cap**2])
         return None, None, None, None, None, None, bound
