@@ -46,8 +46,8 @@ def _options(
     logging.basicConfig(
         level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s", handlers=[handler]
     )
-    for name in ("unwrinkle", "drake"):
-        logging.getLogger(name).setLevel(level)
+    logging.getLogger("unwrinkle").setLevel(level)
+    logging.getLogger("drake").setLevel(max(level, logging.INFO))  # see `scene.start_meshcat`
 
 
 for _module in pkgutil.iter_modules(commands.__path__):

@@ -22,21 +22,10 @@ from matplotlib.patches import Patch
 from unwrinkle.models.files import atomic_path
 from unwrinkle.perception.analysis import Analysis
 from unwrinkle.perception.range_map import RangeMap
+from unwrinkle.perception.surface import CLASS_NAMES
 from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.perception.wrinkledness import Wrinkledness
 
-CLASS_NAMES = (
-    "flat",
-    "cup",
-    "trough",
-    "rut",
-    "saddle rut",
-    "saddle",
-    "saddle ridge",
-    "ridge",
-    "dome",
-    "cap",
-)
 #: Koenderink's scale: green cup over cyan and blue rut, white saddle, yellow ridge, to red cap.
 CLASS_COLOURS = (
     "#9a9a9a",

@@ -1,5 +1,6 @@
 """The cell in a Meshcat scene: bodies as they look and as the collision checks see them."""
 
+import logging
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,11 @@ def start_meshcat(host: str = "localhost", port: int | None = None) -> Any:
     Raises:
         InputError: it cannot listen there.
     """
+    drake = logging.getLogger("drake")
+    if drake.getEffectiveLevel() < logging.INFO:
+        # Meshcat's server thread logs its end at DEBUG, through Python, while its destructor waits for that thread and
+        # may hold the interpreter's lock: a deadlock.
+        drake.setLevel(logging.INFO)
     params = MeshcatParams()
     params.host, params.port, params.show_stats_plot = host, port, False
     try:
