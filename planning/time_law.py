@@ -21,11 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline, CubicHermiteSpline, CubicSpline, make_interp_spline
 
+from unwrinkle.models.errors import InputError
+
 Array = NDArray[np.float64]
 
 _COEFFICIENTS = 36
 _COLLOCATION = 96
 _FINE = 8 * _COLLOCATION
+_SHORTEST = 1e-9  # rad; a path with less motion cannot be timed
 _GROWTH = 10.0
 _GAP = 2e-3  # relative optimality gap at which the barrier method stops
 _NEWTON = 4  # steps for one weight of the barrier
@@ -137,7 +140,12 @@ class JointPath:
         Args:
             points: configurations, rad.
             tips: (N, 2, 3) tool centre points there, m, where their speed is to be limited.
+
+        Raises:
+            InputError: the path has no length.
         """
+        if np.ptp(points, axis=0).max() < _SHORTEST:
+            raise InputError(f"a path of {len(points)} points has no length to be timed")
         s = np.linspace(0.0, 1.0, len(points))
         spline = make_interp_spline(s, points, k=5)
         if tips is None:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from unwrinkle.models.errors import NoSafePlanError
+from unwrinkle.models.errors import InputError, NoSafePlanError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.planning.joint_lines import time_line
 from unwrinkle.planning.optimum import jerk_free_line_time, jerk_free_time
@@ -124,3 +124,28 @@ def test_ruckigs_cloud_features_are_never_used(repository):
     ]:
         text = path.read_text()
         assert ".intermediate_positions" not in text and ".per_section" not in text, path
+
+
+@pytest.mark.parametrize("size", [1e-7, 1e-5, 1e-3, 3.0])
+def test_motions_of_any_size_are_timed(size):
+    path = JointPath.through(curve(11, 1.0) * size)
+    (timed,) = time_paths([path], [FULL])
+    assert np.isfinite(timed.duration) and timed.duration > 0.0
+    t, q, v = timed.sample(timed.duration / 200)
+    assert max(hermite_ratios(t, q, v)) <= 1.01
+
+
+def test_repeated_points_and_reversals_are_timed():
+    line = np.linspace(0.0, 1.0, 20)[:, None] * np.ones(13)
+    waits, returns = line.copy(), line.copy()
+    waits[8:12] = line[8]
+    returns[10:] = line[9::-1]
+    for points in (waits, returns):
+        (timed,) = time_paths([JointPath.through(points)], [FULL])
+        t, q, v = timed.sample(0.004)
+        assert max(hermite_ratios(t, q, v)) <= 1.01
+
+
+def test_a_path_of_no_length_is_refused():
+    with pytest.raises(InputError, match="no length"):
+        JointPath.through(np.ones((20, 13)))

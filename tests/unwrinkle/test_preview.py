@@ -6,109 +6,25 @@ import json
 import re
 import shutil
 import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.robot import Cell, load_cell
+from unwrinkle.models.robot import Cell
 from unwrinkle.overlay import POLICY, pull_magnification
-from unwrinkle.perception.target import FlatteningTarget, HandTarget
 from unwrinkle.planning.plan import (
-    ArmChoice,
     FlatteningPlan,
-    GarmentSurface,
-    GripperEvent,
-    PoseMark,
-    Segment,
 )
 from unwrinkle.planning.poses import POSES
-from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.planning.verification_verdict import PairClearance, Verdict, Violation
-from unwrinkle.playback import Playback
-from unwrinkle.preview import MOST_FRAMES, LivePreview, PlanScene, PreviewSummary, preview_page
+from unwrinkle.preview import LivePreview, PlanScene, PreviewSummary, preview_page
 from unwrinkle.scene import start_meshcat
 
 LARGEST_PAGE = 10_000_000
 SUMMARY = PreviewSummary(True, 0.0213, "r1::link_5 – r2::link_5", 1.234)
-RIGHT, LEFT = ArmChoice(1, 0.1, 0.8, 1.0), ArmChoice(0, -0.1, 0.9, 0.5)
-
-
-@pytest.fixture(scope="module")
-def cell() -> Cell:
-    return load_cell()
-
-
-def _garment(n: int = 12) -> GarmentSurface:
-    x, y = np.meshgrid(np.linspace(-0.2, 0.2, n), np.linspace(-1.3, -0.9, n))
-    z = 0.7 + 0.02 * np.exp(-((x / 0.02) ** 2))
-    p_WV = np.column_stack([x.ravel(), y.ravel(), z.ravel()]).astype(np.float32)
-    index = np.arange(n * n).reshape(n, n)
-    a, b = index[:-1, :-1].ravel(), index[:-1, 1:].ravel()
-    c, d = index[1:, 1:].ravel(), index[1:, :-1].ravel()
-    triangles = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
-    colours = np.full((n * n, 3), 150, dtype=np.uint8)
-    ridge = np.array([[0.0, -1.2, 0.72], [0.0, -1.1, 0.72], [0.0, -1.0, 0.72]], dtype=np.float32)
-    corners = p_WV[index[[0, 0, -1, -1, 0], [0, -1, -1, 0, 0]]]
-    return GarmentSurface(p_WV, triangles.astype(np.int32), colours, ridge, corners)
-
-
-def _plan(cell: Cell, *, stretch: float = 1.0, garment: GarmentSurface | None = None) -> Any:
-    """A plan that waves its arms from home and back, each segment of the duration 1 s * stretch."""
-    times = stretch * np.linspace(0.0, 1.0, 41)
-    s, v = np.linspace(0.0, 1.0, 41), 1.0 / stretch
-    rise, slope = s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s) * v
-    way = np.linspace(0.1, 0.3, 13)
-    legs = ((0.0, 1.0), (1.0, 1.5), (1.5, 0.0))
-    marks = ((0.5, 0.8, 1.0), (0.5, 1.0), (0.3, 0.6))
-    names = iter(POSES)
-    segments, clock = [], 0.0
-    for k, (a, b) in enumerate(legs):
-        positions = np.outer(a + (b - a) * rise, way)
-        poses = tuple(PoseMark(next(names), m * stretch) for m in marks[k])
-        closed = (True, True) if k == 1 else (False, False)
-        segments.append(
-            Segment(
-                ("approach", "pull", "release")[k],
-                clock,
-                Trajectory(times, positions, np.outer((b - a) * slope, way)),
-                closed,
-                poses,
-                (0.0, stretch),
-            )
-        )
-        clock += stretch + 0.75
-    ends = [segment.end for segment in segments]
-    hands = tuple(
-        HandTarget(np.array([x, -1.1, 0.7]), np.array([-np.sign(x), 0.0]), np.array([u, 0.0]), 0.02)
-        for x, u in ((0.2, 1.0), (-0.2, -1.0))
-    )
-    return FlatteningPlan(
-        robot=cell.robot.name,
-        robot_hash=cell.robot_hash,
-        limits_hash=cell.limits_hash,
-        speed=1.0,
-        target=FlatteningTarget(
-            (hands[0], hands[1]), np.array([0.0, -1.1, 0.72]), np.array([0.0, 1.0]), 0.44, "foot"
-        ),
-        arms=(RIGHT, LEFT),
-        turntable=0.0,
-        segments=tuple(segments),
-        events=(
-            GripperEvent(ends[0], (True, True), 0.75),
-            GripperEvent(ends[1], (False, False), 0.75),
-        ),
-        garment=garment,
-    )
-
-
-@pytest.fixture(scope="module")
-def plan(cell: Cell) -> FlatteningPlan:
-    made: FlatteningPlan = _plan(cell, garment=_garment())
-    return made
 
 
 @pytest.fixture(scope="module")
@@ -120,75 +36,6 @@ def _payloads(page: str) -> list[bytes]:
     """What the page sends to its viewer: packed commands."""
     found = re.findall(r'fetch\("data:application/octet-binary;base64,([^"]*)"', page)
     return [base64.b64decode(text) for text in found]
-
-
-# ---------------------------------------------------------------- playback
-
-
-def test_playback_follows_segments_and_rests_between(plan: FlatteningPlan, cell: Cell) -> None:
-    playback = Playback(plan, cell)
-    for segment in plan.segments:
-        trajectory = segment.trajectory
-        for k in (0, 17, -1):
-            time = segment.start + float(trajectory.times[k])
-            np.testing.assert_allclose(
-                playback.positions(time), trajectory.positions[k], atol=1e-12
-            )
-    end = plan.segments[0].trajectory.positions[-1]
-    np.testing.assert_allclose(playback.positions(plan.segments[0].end + 0.4), end, atol=1e-12)
-    np.testing.assert_allclose(playback.positions(-1.0), 0.0, atol=1e-12)
-    np.testing.assert_allclose(playback.positions(99.0), 0.0, atol=1e-12)
-    assert playback.duration == pytest.approx(plan.segments[-1].end)
-
-
-def test_grippers_move_during_the_dwell_at_their_speed(plan: FlatteningPlan, cell: Cell) -> None:
-    playback = Playback(plan, cell)
-    close, open_ = (event.time for event in plan.events)
-    stroke = cell.scenario.gripper.opening
-    half = 0.5 * stroke / cell.limits.gripper.velocity
-    for time, opening in (
-        (0.0, stroke),
-        (close, stroke),
-        (close + half, 0.5 * stroke),
-        (close + 0.7, 0.0),
-        (open_, 0.0),
-        (open_ + half, 0.5 * stroke),
-        (playback.duration, stroke),
-    ):
-        np.testing.assert_allclose(playback.openings(time), opening, atol=1e-12)
-
-
-def test_gripper_that_takes_no_part_stays_open(plan: FlatteningPlan, cell: Cell) -> None:
-    events = (GripperEvent(1.0, (True, False), 0.75), GripperEvent(2.75, (False, False), 0.75))
-    playback = Playback(dc.replace(plan, events=events), cell)
-    np.testing.assert_allclose(playback.openings(1.75), [0.0, 0.03], atol=1e-12)
-    assert [s.name for s in playback.steps if not s.pose] == ["close gripper", "open gripper"]
-
-
-def test_steps_are_the_seven_poses_and_both_events_in_order(
-    plan: FlatteningPlan, cell: Cell
-) -> None:
-    steps = Playback(plan, cell).steps
-    assert [step.name for step in steps if step.pose] == list(POSES)
-    assert [step.name for step in steps] == [
-        *POSES[:3],
-        "close grippers",
-        *POSES[3:5],
-        "open grippers",
-        *POSES[5:],
-    ]
-    times = [step.time for step in steps]
-    assert times == sorted(times)
-    assert times[4] == pytest.approx(plan.segments[1].start + 0.5)
-
-
-def test_frames_are_bounded(plan: FlatteningPlan, cell: Cell) -> None:
-    playback = Playback(plan, cell)
-    times = playback.frame_times(30.0, MOST_FRAMES)
-    assert times[0] == 0.0
-    assert times[-1] == playback.duration
-    assert 1.0 / 31.0 < times[1] <= 1.0 / 30.0
-    assert len(playback.frame_times(1e4, MOST_FRAMES)) == MOST_FRAMES
 
 
 # ---------------------------------------------------------------- scene
@@ -208,7 +55,7 @@ def test_scene_holds_all_that_is_to_be_seen(plan: FlatteningPlan, cell: Cell) ->
 
 def test_scene_of_one_arm_without_garment(plan: FlatteningPlan, cell: Cell) -> None:
     meshcat = start_meshcat()
-    PlanScene(dc.replace(plan, arms=(None, LEFT), garment=None), cell, meshcat)
+    PlanScene(dc.replace(plan, arms=(None, plan.arms[1]), garment=None), cell, meshcat)
     assert meshcat.HasPath("plan/wrinkle")
     assert meshcat.HasPath("plan/pull/left")
     for path in ("plan/garment", "plan/outline", "plan/pull/right", "plan/poses/right"):
@@ -297,8 +144,10 @@ def test_viewer_still_has_what_the_panel_calls(page: str) -> None:
         assert piece in page
 
 
-def test_largest_page_is_under_ten_megabytes(cell: Cell) -> None:
-    plan = _plan(cell, stretch=15.0, garment=_garment(100))
+def test_largest_page_is_under_ten_megabytes(
+    waving_plan: Callable[..., FlatteningPlan], cell: Cell
+) -> None:
+    plan = waving_plan(stretch=15.0, vertices=100)
     page = preview_page(plan, cell, SUMMARY)
     assert 3_000_000 < len(page.encode()) < LARGEST_PAGE
 
@@ -409,26 +258,3 @@ def test_live_ends_when_told(plan: FlatteningPlan, cell: Cell) -> None:
     rounds = iter([False, False, True])
     live.run(lambda: next(rounds))
     assert next(rounds, None) is None
-
-
-def test_viewers_end_whatever_drake_logs(tmp_path: Path) -> None:
-    """Regression: with Drake's logger at DEBUG a Meshcat's destructor waited for its thread for ever."""
-    script = (
-        "import logging, pydrake.geometry\n"
-        "from unwrinkle.scene import start_meshcat\n"
-        "logging.basicConfig(level=logging.DEBUG)\n"
-        "logging.getLogger('drake').setLevel(logging.DEBUG)\n"
-        "for _ in range(5):\n"
-        "    viewer = start_meshcat()\n"
-        "    del viewer\n"
-        "print('ended')\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert done.stdout.strip() == "ended", done.stderr

@@ -1,0 +1,43 @@
+"""Plans as the planner made them pass the verification."""
+
+from collections.abc import Callable
+
+import pytest
+
+from unwrinkle.models.robot import Cell
+from unwrinkle.perception.target import FlatteningTarget
+from unwrinkle.planning.planner import FlatteningPlanner
+from unwrinkle.planning.verification import verify
+
+Targets = Callable[[int, int], list[FlatteningTarget]]
+
+
+def assert_all_pass(
+    planner: FlatteningPlanner, cell: Cell, targets: list[FlatteningTarget]
+) -> None:
+    refused = {}
+    planned = 0
+    for i, target in enumerate(targets):
+        result = planner.plan(target)
+        if result.plan is None:
+            continue
+        planned += 1
+        verdict = verify(result.plan, cell)
+        if not verdict.passed:
+            refused[i] = [violation.message for violation in verdict.violations]
+    assert refused == {}
+    assert planned >= 0.9 * len(targets)
+
+
+def test_unchanged_plans_pass(
+    planner: FlatteningPlanner, cell: Cell, random_targets: Targets
+) -> None:
+    assert_all_pass(planner, cell, random_targets(10, 11))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+def test_two_hundred_unchanged_plans_pass(
+    planner: FlatteningPlanner, cell: Cell, random_targets: Targets
+) -> None:
+    assert_all_pass(planner, cell, random_targets(200, 12))
