@@ -26,7 +26,10 @@ _COLUMNS = (
     "verdict",
     "perception + planning + verification, s",
     "why not (wrinkle: reason)",
+    "planned and verified when turned by, deg",
 )
+#: Turns of the garment on the table that are tried where it has no plan as it lies, degrees.
+_TURNS = (180.0, 90.0, -90.0, 135.0, -135.0, 45.0, -45.0)
 
 
 def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
@@ -43,6 +46,7 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
     return {
         "captures": rows,
         "planned": len(planned),
+        "planned_when_turned": sum(row.get("turned") is not None for row in rows),
         "flat": sum(row["flat"] for row in rows),
         "verdicts_passed_fraction": float(np.mean([row["passed"] for row in planned])),
         "perception_time_median": float(np.median([row["perception"] for row in rows])),
@@ -51,8 +55,7 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
 
 def _measure(path: Path, cell: Cell, planner: FlatteningPlanner, seed: int) -> dict[str, Any]:
     clock = time.perf_counter()
-    range_map = range_map_from_capture(load_capture(path, _CAMERA), seed=seed)
-    analysis = analyse(range_map)
+    analysis = _analysis(path, seed)
     row: dict[str, Any] = {
         "name": path.stem.removesuffix("_depth_mm"),
         "perception": time.perf_counter() - clock,
@@ -66,7 +69,25 @@ def _measure(path: Path, cell: Cell, planner: FlatteningPlanner, seed: int) -> d
         "planned": False,
         "reason": "flat: nothing to pull" if analysis.flat else "",
     }
-    return row | ({} if analysis.flat else _planned(analysis, cell, planner))
+    if analysis.flat:
+        return row
+    row |= _planned(analysis, cell, planner)
+    if not row["planned"]:
+        row["turned"] = next(
+            (
+                turn
+                for turn in _TURNS
+                if _planned(_analysis(path, seed, turn), cell, planner).get("passed", False)
+            ),
+            None,
+        )
+    return row
+
+
+def _analysis(path: Path, seed: int, turn: float = 0.0) -> Analysis:
+    """Wrinkles of a capture laid on the table, turned by degrees."""
+    capture = load_capture(path, _CAMERA)
+    return analyse(range_map_from_capture(capture, yaw=np.radians(turn), seed=seed))
 
 
 def _planned(analysis: Analysis, cell: Cell, planner: FlatteningPlanner) -> dict[str, Any]:
@@ -126,6 +147,11 @@ def table(results: dict[str, Any]) -> str:
             verdict,
             times,
             row["reason"],
+            "" if row["planned"] or row["flat"] else _turn(row["turned"]),
         )
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
+
+
+def _turn(turn: float | None) -> str:
+    return "none" if turn is None else f"{turn:.0f}"
