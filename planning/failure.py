@@ -33,6 +33,12 @@ def explain(kind: str, log: SearchLog, target: FlatteningTarget) -> PlanFailure:
         target: what it searched for.
     """
     head = f"no {kind}-arm motion: "
+    if log.refused:
+        return PlanFailure(
+            "transit",
+            f"{head}for none of {log.refused} free motions was there a free way from the start and back "
+            "home; clear the surroundings of the table or allow a longer transit budget",
+        )
     if log.out_of_time:
         return PlanFailure("time", head + "the search's time budget ran out; raise it")
     hand = log.missing_hand

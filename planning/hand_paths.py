@@ -56,6 +56,7 @@ class SearchLog:
         pairs: combinations whose paths were checked for collision.
         in_collision: of these, how many collided.
         colliding: names of two bodies that came too close.
+        refused: free motions that were not accepted, for want of a way to or from them.
         time_inverse: s spent on inverse kinematics.
         out_of_time: whether the budget ran out.
     """
@@ -68,6 +69,7 @@ class SearchLog:
     pairs: int = 0
     in_collision: int = 0
     colliding: tuple[str, str] | None = None
+    refused: int = 0
     time_inverse: float = 0.0
     out_of_time: bool = False
 

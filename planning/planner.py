@@ -118,24 +118,20 @@ class FlatteningPlanner:
             return PlanResult(None, blocked, timings)
         failure = None
         for kind in _ARMS[arms]:
+            ways = _Ways(self._transits, start, self._home)
             clock = time.perf_counter()
             search = self._search.dual if kind == "dual" else self._search.single
-            motion, log = search(target)
-            timings.search += time.perf_counter() - clock
-            if motion is None:
+            motion, log = search(target, ways.exist)
+            timings.search += time.perf_counter() - clock - ways.duration
+            timings.transit += ways.duration
+            if motion is None or ways.found is None:
                 failure = failure or explain(kind, log, target)
                 continue
             clock = time.perf_counter()
-            ways = self._ways(start, motion)
-            timings.transit += time.perf_counter() - clock
-            if ways is None:
-                failure = failure or PlanFailure("transit", _NO_TRANSIT)
-                continue
-            clock = time.perf_counter()
             pieces = self._timing.pieces(motion)
-            segments, events = self._timing.segments(motion, pieces, ways)
+            segments, events = self._timing.segments(motion, pieces, ways.found)
             timings.timing = time.perf_counter() - clock
-            timings.transit_kinds = tuple(way.kind for way in ways)
+            timings.transit_kinds = tuple(way.kind for way in ways.found)
             _log.info(
                 "planned arms=%s search=%.3f transit=%.3f timing=%.3f",
                 kind,
@@ -156,7 +152,7 @@ class FlatteningPlanner:
                 note="" if failure is None else failure.message,
                 garment=garment,
             )
-            return PlanResult(plan, failure, timings, tuple(pieces), ways)
+            return PlanResult(plan, failure, timings, tuple(pieces), ways.found)
         return PlanResult(None, failure, timings)
 
     def _blocked(self, start: Array) -> PlanFailure | None:
@@ -178,16 +174,28 @@ class FlatteningPlanner:
             )
         return None
 
-    def _ways(self, start: Array, motion: Motion) -> tuple[Transit, Transit] | None:
-        there = self._transits.plan(start, motion.paths[0][0])
-        back = self._transits.plan(motion.paths[-1][-1], self._home)
-        return None if there is None or back is None else (there, back)
 
+class _Ways:
+    """Looks for the ways from the start to a motion and from there home.
 
-_NO_TRANSIT = (
-    "no free way between home and the motion was found in the time allowed; "
-    "clear the surroundings of the table or allow a longer transit budget"
-)
+    Attributes:
+        found: the ways of the last motion that has them.
+        duration: time spent, s.
+    """
+
+    def __init__(self, transits: TransitPlanner, start: Array, home: Array) -> None:
+        self._transits, self._start, self._home = transits, start, home
+        self.found: tuple[Transit, Transit] | None = None
+        self.duration = 0.0
+
+    def exist(self, motion: Motion) -> bool:
+        clock = time.perf_counter()
+        there = self._transits.plan(self._start, motion.paths[0][0])
+        if there is not None:
+            back = self._transits.plan(motion.paths[-1][-1], self._home)
+            self.found = None if back is None else (there, back)
+        self.duration += time.perf_counter() - clock
+        return there is not None and self.found is not None
 
 
 def _choice(hand: HandCandidate | None) -> ArmChoice | None:

@@ -44,6 +44,10 @@ class Motion:
     cost: float
 
 
+def _any_motion(motion: Motion) -> bool:
+    return True
+
+
 class MotionSearch:
     """Searches motions for targets in one cell."""
 
@@ -67,18 +71,28 @@ class MotionSearch:
         self._window = (gripper.tilt_lower, gripper.tilt_upper)
         self._home = np.array(cell.robot.named_states["home"], dtype=float)
 
-    def dual(self, target: FlatteningTarget) -> tuple[Motion | None, SearchLog]:
-        """The cheapest free dual-arm motion found, or None with the log of what was met."""
-        return self._search(target, self._pairs)
+    def dual(
+        self, target: FlatteningTarget, accept: Callable[[Motion], bool] = _any_motion
+    ) -> tuple[Motion | None, SearchLog]:
+        """The cheapest free dual-arm motion found that is accepted, or None with the log of what was met.
 
-    def single(self, target: FlatteningTarget) -> tuple[Motion | None, SearchLog]:
-        """The cheapest free motion of one arm on one side of the target, the other arm at home."""
-        return self._search(target, self._singles)
+        Args:
+            target: what to flatten.
+            accept: asked of each free motion in turn, whether it will do (whether there is a way to it, say).
+        """
+        return self._search(target, self._pairs, accept)
+
+    def single(
+        self, target: FlatteningTarget, accept: Callable[[Motion], bool] = _any_motion
+    ) -> tuple[Motion | None, SearchLog]:
+        """The same for one arm on one side of the target, the other arm at home."""
+        return self._search(target, self._singles, accept)
 
     def _search(
         self,
         target: FlatteningTarget,
         combine: Callable[[FlatteningTarget, Stage, HandPaths], list[tuple[float, Hands]]],
+        accept: Callable[[Motion], bool],
     ) -> tuple[Motion | None, SearchLog]:
         log, deadline = SearchLog(), time.perf_counter() + self._settings.budget
         for stage in self._settings.stages:
@@ -94,7 +108,9 @@ class MotionSearch:
                 if all(paths.solvable(c, ahead) for c in serving[i]):
                     motion = self._first_free(target, stage, paths, hands, cost, log)
                     if motion is not None:
-                        return motion, log
+                        if accept(motion):
+                            return motion, log
+                        log.refused += 1
         return None, log
 
     def _first_free(
