@@ -32,15 +32,13 @@ def explain(kind: str, log: SearchLog, target: FlatteningTarget) -> PlanFailure:
         log: what the search met.
         target: what it searched for.
     """
-    head = f"no {kind}-arm motion: "
+    head = f"no {kind}-arm motion{' in the time allowed' if log.out_of_time else ''}: "
     if log.refused:
         return PlanFailure(
             "transit",
             f"{head}for none of {log.refused} free motions was there a free way from the start and back "
             "home; clear the surroundings of the table or allow a longer transit budget",
         )
-    if log.out_of_time:
-        return PlanFailure("time", head + "the search's time budget ran out; raise it")
     hand = log.missing_hand
     if hand is not None and math.isfinite(log.missing):
         x, y = target.hands[hand.side].p_WG[:2]
@@ -53,9 +51,9 @@ def explain(kind: str, log: SearchLog, target: FlatteningTarget) -> PlanFailure:
             log.missing,
         )
     if log.in_collision:
-        pair = log.colliding
-        names = "" if pair is None else f" ({pair[0]} and {pair[1]} come too close)"
-        both_arms = pair is not None and {pair[0][:2], pair[1][:2]} == {"r1", "r2"}
+        (pair, _), *_ = log.colliding.most_common(1) or [(("", ""), 0)]
+        names = f" (mostly {pair[0]} and {pair[1]} come too close)" if pair[0] else ""
+        both_arms = {pair[0][:2], pair[1][:2]} == {"r1", "r2"}
         return PlanFailure(
             "arm-arm" if both_arms else "collision",
             f"{head}{log.in_collision} motions within reach all collide{names}; "
@@ -68,6 +66,8 @@ def explain(kind: str, log: SearchLog, target: FlatteningTarget) -> PlanFailure:
             f"{head}a pose within reach breaks the position limit of axis {axes}; "
             "move the garment away from the robot's base or turn it",
         )
+    if log.out_of_time:
+        return PlanFailure("time", head + "the search was not finished; raise its time budget")
     return PlanFailure("near-limit", head + "no branch follows the whole path; move the garment")
 
 

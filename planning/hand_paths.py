@@ -2,6 +2,7 @@
 
 import itertools
 import time
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -55,7 +56,7 @@ class SearchLog:
         limit_axes: how often each axis' position limit was in the way of an otherwise solved pose.
         pairs: combinations whose paths were checked for collision.
         in_collision: of these, how many collided.
-        colliding: names of two bodies that came too close.
+        colliding: how often which two bodies came too close at a pose.
         refused: free motions that were not accepted, for want of a way to or from them.
         time_inverse: s spent on inverse kinematics.
         out_of_time: whether the budget ran out.
@@ -68,7 +69,7 @@ class SearchLog:
     limit_axes: dict[str, int] = field(default_factory=dict)
     pairs: int = 0
     in_collision: int = 0
-    colliding: tuple[str, str] | None = None
+    colliding: Counter[tuple[str, str]] = field(default_factory=Counter)
     refused: int = 0
     time_inverse: float = 0.0
     out_of_time: bool = False

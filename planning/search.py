@@ -147,7 +147,8 @@ class MotionSearch:
         for q in (paths[0][0], paths[0][-1], paths[1][-1], paths[2][-1]):
             if not self._collision.free(q):
                 log.in_collision += 1
-                log.colliding = self._collision.colliding_pair(q)
+                pair = self._collision.colliding_pair(q)
+                log.colliding.update([] if pair is None else [pair])
                 return False
         if all(self._collision.path_free(path) for path in paths):
             return True
