@@ -198,3 +198,19 @@ def test_plan_files_that_cannot_be_trusted(run, towel_plan, command):
     Path("other.scenario.yaml").write_text("Lab: {gripper: {opening: 0.02}}\n")
     message = refused(run, 2, command, towel_plan, "--scenario", "other.scenario.yaml", *options)
     assert "another model of the cell" in message
+
+
+def test_a_flat_garment_needs_no_plan_and_keeps_none(run):
+    """Regression: an earlier run's plan stayed beside the analysis of a garment that is flat now."""
+    rows, columns = np.mgrid[0:480, 0:640]
+    flat = table() - 8.0 * ((np.abs(rows - 240) < 110) & (np.abs(columns - 320) < 110))
+    Path("result").mkdir()
+    Path("result/plan.npz").write_text("of an earlier run")
+    Path("result/notes.txt").write_text("of the user")
+    code, message = run("plan", depth_png("flat.png", flat), "--no-pictures", "--out", "result")
+    assert code == 0, message
+    assert {path.name for path in Path("result").iterdir()} == {
+        "analysis.json",
+        "range_map.npz",
+        "notes.txt",
+    }

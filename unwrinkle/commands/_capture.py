@@ -182,8 +182,12 @@ def print_wrinkles(console: "Console", analysis: "Analysis", marked: int | None)
 
 
 @contextmanager
-def finished_folder(folder: Path) -> Iterator[Path]:
+def finished_folder(folder: Path, *, outdated: tuple[str, ...] = ()) -> Iterator[Path]:
     """Give a temporary folder; its files replace those in the final one when all went well.
+
+    Args:
+        folder: the final one.
+        outdated: files of an earlier run that would contradict the new ones, and go.
 
     Raises:
         InputError: the final folder cannot be made.
@@ -200,5 +204,7 @@ def finished_folder(folder: Path) -> Iterator[Path]:
         folder.mkdir(exist_ok=True)
         for path in sorted(work.iterdir()):
             path.replace(folder / path.name)
+        for name in outdated:
+            (folder / name).unlink(missing_ok=True)
     finally:
         shutil.rmtree(work, ignore_errors=True)

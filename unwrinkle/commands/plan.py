@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from unwrinkle.planning.verification_verdict import Verdict
 
 
+_PLAN, _VERDICT, _PAGE = _PLAN_FILES = ("plan.npz", "verdict.json", "preview.html")
+
+
 def plan(
     capture: CaptureArgument,
     camera: CameraOption = None,
@@ -73,7 +76,7 @@ def plan(
     chosen = _planned(analysis, cell, arms, clock)
     print_wrinkles(console, analysis, None if chosen is None else chosen[0])
     if chosen is None:
-        with finished_folder(folder) as work:
+        with finished_folder(folder, outdated=_PLAN_FILES) as work:
             save_analysis(work, analysis, options, pictures=pictures)
         console.print(
             f"flat: no wrinkle asks for a pull of {1e3 * analysis.profile.halting_pull:.0f} mm; "
@@ -139,10 +142,10 @@ def _save_plan(
     from unwrinkle.preview import PreviewSummary, preview_page
 
     assert result.plan is not None
-    result.plan.save(folder / "plan.npz")
-    write_json(folder / "verdict.json", verdict.to_json())
+    result.plan.save(folder / _PLAN)
+    write_json(folder / _VERDICT, verdict.to_json())
     page = preview_page(result.plan, cell, PreviewSummary.of(verdict), title=title)
-    write_text(folder / "preview.html", page)
+    write_text(folder / _PAGE, page)
 
 
 def _print_plan(console: "Console", index: int, result: "PlanResult", verdict: "Verdict") -> None:
