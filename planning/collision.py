@@ -95,8 +95,9 @@ class CollisionModel:
     def edge_free(self, a: Array, b: Array, *, ends: bool = True) -> bool:
         """Whether the straight joint line from a to b is free.
 
-        The step is chosen so that no point of either arm moves by more than twice the smaller arm clearance between two
-        checked configurations: whatever keeps that clearance at both cannot have touched in between.
+        The step is chosen so that no two bodies move against each other by more than twice the smaller of the arms'
+        clearances between two checked configurations: what keeps that clearance at both cannot have touched in between.
+        For pairs with a smaller clearance (palms, fingers, surroundings) that is left to the verification to prove.
         """
         if ends and not (self.free(b) and self.free(a)):
             return False

@@ -1,7 +1,6 @@
 """What one hand can do: candidates within reach, key poses with a solution, and whole paths of the arm."""
 
 import itertools
-import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.perception.target import FlatteningTarget, HandTarget
-from unwrinkle.planning.kinematics import Array, InverseKinematics, InverseSolution
+from unwrinkle.planning.kinematics import Array, InverseSolution, Kinematics
 from unwrinkle.planning.poses import (
     Freedom,
     approach_direction,
@@ -49,8 +48,6 @@ class SearchLog:
     """What a search met, for the reason when it fails.
 
     Attributes:
-        candidates: choices of the freedoms for one hand that were looked at.
-        beyond_reach: of these, how many have a pose further away than the arm is long.
         missing: m, least such excess of a hand none of whose candidates is within reach, in the last stage.
         missing_hand: the candidate it belongs to.
         limit_axes: how often each axis' position limit was in the way of an otherwise solved pose.
@@ -58,12 +55,9 @@ class SearchLog:
         in_collision: of these, how many collided.
         colliding: how often which two bodies came too close at a pose.
         refused: free motions that were not accepted, for want of a way to or from them.
-        time_inverse: s spent on inverse kinematics.
         out_of_time: whether the budget ran out.
     """
 
-    candidates: int = 0
-    beyond_reach: int = 0
     missing: float = np.inf
     missing_hand: HandCandidate | None = None
     limit_axes: dict[str, int] = field(default_factory=dict)
@@ -71,7 +65,6 @@ class SearchLog:
     in_collision: int = 0
     colliding: Counter[tuple[str, str]] = field(default_factory=Counter)
     refused: int = 0
-    time_inverse: float = 0.0
     out_of_time: bool = False
 
 
@@ -83,7 +76,7 @@ class HandPaths:
         target: FlatteningTarget,
         stage: Stage,
         tilt_window: tuple[float, float],
-        kinematics: InverseKinematics,
+        kinematics: Kinematics,
         log: SearchLog,
     ) -> None:
         """Take the stage's freedoms; tilts outside the gripper's window (rad) are left out."""
@@ -109,8 +102,6 @@ class HandPaths:
         X = np.stack([self._poses(freedom, hand) for freedom in freedoms])
         missing = self._kinematics.missing_reach(arm, turns[:, None, None], X[None]).max(-1)
         near = missing <= 0.0
-        self._log.candidates += missing.size
-        self._log.beyond_reach += int(missing.size - near.sum())
         if not near.any() and missing.min() < self._log.missing:
             i, j = np.unravel_index(int(missing.argmin()), missing.shape)
             self._log.missing = float(missing[i, j])
@@ -140,7 +131,6 @@ class HandPaths:
         return self._solvable[candidate]
 
     def _solve(self, batch: list[HandCandidate], arm: int) -> None:
-        start = time.perf_counter()
         X = np.stack([self._poses(c.freedom, self._target.hands[c.side]) for c in batch])
         turns = np.repeat([c.turntable for c in batch], X.shape[1])
         solution = self._kinematics.inverse(
@@ -150,7 +140,6 @@ class HandPaths:
         for c, poses in zip(batch, within, strict=True):
             self._solvable[c] = bool(np.all(poses))
         self._count_limits(solution)
-        self._log.time_inverse += time.perf_counter() - start
 
     def _count_limits(self, solution: InverseSolution) -> None:
         """For poses that only a limit forbids: the axis whose limit the least forbidden branch breaks most."""
@@ -176,7 +165,6 @@ class HandPaths:
         """
         key = (candidate, tuple(counts))
         if key not in self._tubes:
-            start = time.perf_counter()
             hand, freedom = self._target.hands[candidate.side], candidate.freedom
             positions = seven_positions(hand, freedom, self._stage.shape)
             parts = pieces(positions, self._stage.shape.blend, list(counts))
@@ -190,7 +178,6 @@ class HandPaths:
             cuts = np.cumsum([len(part) for part in parts])[:-1]
             best = np.argsort(np.minimum(margin, 0.5))[::-1][:_TUBES]
             self._tubes[key] = [np.split(found[i], cuts) for i in best]
-            self._log.time_inverse += time.perf_counter() - start
         return self._tubes[key]
 
     def _poses(self, freedom: Freedom, hand: HandTarget) -> Array:

@@ -8,7 +8,7 @@ Notation: W world, B an arm's base (link_1), F its flange (tip_link), E the tool
 """
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,27 +36,6 @@ class InverseSolution:
     q: Array
     found: Mask
     within: Mask
-
-
-class InverseKinematics(Protocol):
-    """What the search needs of a kinematics: reach, and branches for batches of poses."""
-
-    lower: Array
-    upper: Array
-
-    def missing_reach(self, arm: int, turntable: Array | float, X_WT: Array) -> Array:
-        """See `Kinematics.missing_reach`."""
-
-    def inverse(
-        self,
-        arm: int,
-        turntable: Array | float,
-        X_WT: Array,
-        *,
-        iterations: int = 6,
-        tolerance: float = 1e-9,
-    ) -> InverseSolution:
-        """See `Kinematics.inverse`."""
 
 
 class Kinematics:

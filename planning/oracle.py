@@ -1,4 +1,4 @@
-"""Drake's optimisation-based inverse kinematics behind the same face as our own: a test oracle and a yardstick."""
+"""Drake's optimisation-based inverse kinematics in place of our own: a test oracle and a yardstick."""
 
 import numpy as np
 from pydrake.math import RotationMatrix
@@ -11,23 +11,18 @@ from unwrinkle.planning.kinematics import Array, InverseSolution, Kinematics
 _TOLERANCE = 1e-7
 
 
-class DrakeInverseKinematics:
+class DrakeInverseKinematics(Kinematics):
     """One SNOPT solution per pose, started from the one before; no other branches, no collision."""
 
     def __init__(self, cell: Cell) -> None:
         """Build the plant of the cell."""
-        self._own = Kinematics(cell)
-        self.lower, self.upper = self._own.lower, self._own.upper
+        super().__init__(cell)
         self._diagram = build_robot_diagram(cell)
         self._plant = self._diagram.plant()
         self._axes = position_indices(cell, self._plant).axes
         self._rest = self._plant.GetPositions(self._plant.CreateDefaultContext())
         self._solver = SnoptSolver()
         self._last = [np.zeros(6), np.zeros(6)]
-
-    def missing_reach(self, arm: int, turntable: Array | float, X_WT: Array) -> Array:
-        """See `Kinematics.missing_reach`."""
-        return self._own.missing_reach(arm, turntable, X_WT)
 
     def inverse(
         self,

@@ -16,8 +16,6 @@ from unwrinkle.planning.settings import MotionShape
 Array = NDArray[np.float64]
 
 POSES = ("plan", "touch-table", "grasp", "pull", "put-on-table", "free-garment", "leave-table")
-#: Gripper state on arriving at each pose; at `grasp` it then closes, at `put-on-table` it opens.
-GRIPPER_OPEN = (True, True, True, False, False, True, True)
 PIECES = (("approach", 0, 2), ("pull", 2, 4), ("release", 4, 6))
 #: Fraction of the pull at which the pull pose stands.
 _PULL_FRACTION = 0.8

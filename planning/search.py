@@ -16,7 +16,7 @@ from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.planning.collision import CollisionModel
 from unwrinkle.planning.hand_paths import HandCandidate, HandPaths, SearchLog
-from unwrinkle.planning.kinematics import Array, InverseKinematics
+from unwrinkle.planning.kinematics import Array, Kinematics
 from unwrinkle.planning.poses import PIECES, piece_counts, seven_positions
 from unwrinkle.planning.settings import MotionShape, PlannerSettings, Stage
 
@@ -55,7 +55,7 @@ class MotionSearch:
         self,
         cell: Cell,
         settings: PlannerSettings,
-        kinematics: InverseKinematics,
+        kinematics: Kinematics,
         contact: CollisionModel,
     ) -> None:
         """Use the given models.

@@ -88,7 +88,6 @@ class PlannerSettings:
         transit_budget: s, for one transit found by sampling.
         path_step: m, distance of the points at which Cartesian pieces are solved.
         sample_time: s, period of the samples that a plan carries.
-        overstretch: greatest distance of the grippers over the cloth's geodesic length between them.
         margin: fraction of velocity, acceleration and jerk limits that the timing leaves unused, for the controller's
             cubic interpolation between samples.
         seed: of the sampling transit planner.
@@ -99,7 +98,6 @@ class PlannerSettings:
     transit_budget: float = 2.0
     path_step: float = 0.010
     sample_time: float = 0.008
-    overstretch: float = 1.10
     margin: float = 0.015
     seed: int = 0
     weights: "CostWeights" = field(default_factory=lambda: CostWeights())
