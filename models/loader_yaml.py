@@ -2,7 +2,7 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar, cast, get_type_hints
 
 import yaml
 
@@ -42,28 +42,41 @@ def load_yaml(path: str | Path, schema: type[Schema], *, child: str | None = Non
         loaded: Any = yaml_load_typed(schema=mirror, data=text, child_name=child)
     except (yaml.YAMLError, RuntimeError, ValueError, TypeError, LookupError, OSError) as error:
         raise InputError(f"{path}: {_one_line(error)}{_key(text, error)}") from None
-    if mirror is schema:
-        return loaded
     try:
-        return schema(**{f.name: getattr(loaded, f.name) for f in dataclasses.fields(mirror)})
+        return cast(Schema, _rebuilt(schema, loaded))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def _mutable(schema: type[Any]) -> type[Any]:
-    """Return a mutable twin of a frozen dataclass: the typed loader assigns to attributes."""
+def _frozen(schema: Any) -> bool:
     parameters = getattr(schema, "__dataclass_params__", None)
-    if parameters is None or not parameters.frozen:
+    return parameters is not None and parameters.frozen
+
+
+def _mutable(schema: type[Any]) -> type[Any]:
+    """Return a twin of a frozen dataclass, mutable down to what it holds: the typed loader assigns."""
+    if not _frozen(schema):
         return schema
     hints = get_type_hints(schema)
     twins: list[tuple[str, Any, Any]] = []
     for field in dataclasses.fields(schema):
-        if field.default_factory is not dataclasses.MISSING:
+        hint = _mutable(hints[field.name])
+        if hint is not hints[field.name]:
+            value = dataclasses.field(default_factory=hint)
+        elif field.default_factory is not dataclasses.MISSING:
             value = dataclasses.field(default_factory=field.default_factory)
         else:
             value = dataclasses.field(default=field.default)
-        twins.append((field.name, hints[field.name], value))
+        twins.append((field.name, hint, value))
     return dataclasses.make_dataclass(schema.__name__, twins)
+
+
+def _rebuilt(schema: Any, loaded: Any) -> Any:
+    """Return the frozen dataclass that a filled twin stands for."""
+    if not _frozen(schema):
+        return loaded
+    hints = get_type_hints(schema)
+    return schema(**{name: _rebuilt(hint, getattr(loaded, name)) for name, hint in hints.items()})
 
 
 def _one_line(error: Exception) -> str:
@@ -72,6 +85,8 @@ def _one_line(error: Exception) -> str:
         where = f" at line {mark.line + 1}" if mark is not None else ""
         return f"is not valid YAML{where}"
     text = " ".join(str(error).split())
+    if "datetime.date" in text:
+        text += "; put it in quotes"
     return text.replace("<string>:", "").strip() or type(error).__name__
 
 

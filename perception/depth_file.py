@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from unwrinkle.models import InputError, load_yaml
 from unwrinkle.models.archive import load_archive, save_archive
 from unwrinkle.perception.camera import Camera, load_camera
+from unwrinkle.perception.pose import PoseRecord, check_pose
 
 DEFAULT_CAMERA = "xtion-pro-live"
 _MOST_HOLES = 0.5
@@ -95,7 +96,7 @@ class Capture:
             object.__setattr__(self, "colour", colour)
         if self.X_WC is not None:
             pose = np.array(self.X_WC, dtype=float)
-            _check_pose(pose, self.name)
+            check_pose(pose, f"{self.name}, camera in the world")
             pose.setflags(write=False)
             object.__setattr__(self, "X_WC", pose)
 
@@ -266,12 +267,6 @@ def _decoded(encoded: NDArray[Any], path: Path) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
-@dataclass
-class _PoseFile:
-    translation: list[float] = dataclasses.field(default_factory=list)
-    rotation: list[list[float]] = dataclasses.field(default_factory=list)
-
-
 def _pose_of(
     pose: str | Path | NDArray[np.float64] | None, arrays: dict[str, NDArray[Any]]
 ) -> NDArray[np.float64] | None:
@@ -279,20 +274,4 @@ def _pose_of(
         return arrays.get("X_WC")
     if isinstance(pose, np.ndarray):
         return pose
-    stored = load_yaml(Path(pose), _PoseFile)
-    if np.shape(stored.translation) != (3,) or np.shape(stored.rotation) != (3, 3):
-        raise InputError(f"{pose}: a pose needs translation [x, y, z] and rotation, three rows")
-    X_WC = np.eye(4)
-    X_WC[:3, :3], X_WC[:3, 3] = stored.rotation, stored.translation
-    return X_WC
-
-
-def _check_pose(pose: NDArray[np.float64], name: str) -> None:
-    good = pose.shape == (4, 4) and bool(np.isfinite(pose).all())
-    if good:
-        R_WC = pose[:3, :3]
-        good = np.allclose(R_WC @ R_WC.T, np.eye(3), atol=1e-6)
-        good = good and np.allclose(pose[3], [0.0, 0.0, 0.0, 1.0])
-        good = good and float(np.linalg.det(R_WC)) > 0.0
-    if not good:
-        raise InputError(f"{name}: the camera's pose X_WC is no rigid motion (4, 4)")
+    return load_yaml(Path(pose), PoseRecord).matrix(str(pose))
