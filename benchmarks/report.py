@@ -15,6 +15,7 @@ _DISTRIBUTIONS = {
     "toppra": "toppra",
     "ruckig": "ruckig",
     "ompl": "ompl",
+    "numba": "numba",
 }
 
 

@@ -3,7 +3,7 @@
 Camera frame C: x right, y down, z forward (OpenCV). The centre of the top left pixel is (0, 0).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import atan, degrees, isfinite
 from pathlib import Path
 from typing import Any
@@ -76,6 +76,22 @@ class Camera:
     def matrix(self) -> NDArray[np.float64]:
         """The 3 x 3 intrinsic matrix."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    def scaled(self, factor: float) -> "Camera":
+        """The same camera with its image resized by a factor (0.5 halves it); pixel centres count.
+
+        Raises:
+            InputError: the factor leaves no image.
+        """
+        return replace(
+            self,
+            width=round(self.width * factor),
+            height=round(self.height * factor),
+            fx=self.fx * factor,
+            fy=self.fy * factor,
+            cx=(self.cx + 0.5) * factor - 0.5,
+            cy=(self.cy + 0.5) * factor - 0.5,
+        )
 
     def rays(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """X and y of the undistorted ray (x, y, 1) through each pixel, both (height, width)."""

@@ -78,17 +78,32 @@ def average(
             weight += np.bincount(index, share, minlength=size)
             for k in range(flat.shape[1]):
                 total[k] += np.bincount(index, share * flat[:, k], minlength=size)
-    weights = weight.reshape(grid.ny, grid.nx)
-    totals = total.reshape(-1, grid.ny, grid.nx)
+    averages, enough = filled_averages(
+        weight.reshape(grid.ny, grid.nx), total.reshape(-1, grid.ny, grid.nx)
+    )
+    return (averages[0] if np.ndim(values) == 1 else np.moveaxis(averages, 0, -1)), enough
+
+
+def filled_averages(
+    weights: NDArray[np.float64], totals: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Divide weighted sums by their weights; single cells between measured ones are filled.
+
+    Args:
+        weights: (ny, nx) sums of weights.
+        totals: (k, ny, nx) sums of weight times value.
+
+    Returns:
+        (k, ny, nx) averages, 0 where there is nothing, and (ny, nx) bool where there is enough.
+    """
     measured = weights > _LEAST_WEIGHT
     # A cell that a measured neighbour lies on each side of is no hole but a gap of the sampling.
     spread = cv2.GaussianBlur(weights, (5, 5), 0.8)
     gap = ~measured & (_closed(measured) > 0) & (spread > 0.02)
-    result = np.zeros(totals.shape)
+    averages = np.zeros(totals.shape)
     for k, layer in enumerate(totals):
-        result[k][measured] = layer[measured] / weights[measured]
-        result[k][gap] = cv2.GaussianBlur(layer, (5, 5), 0.8)[gap] / spread[gap]
-    averages = result[0] if np.ndim(values) == 1 else np.moveaxis(result, 0, -1)
+        averages[k][measured] = layer[measured] / weights[measured]
+        averages[k][gap] = cv2.GaussianBlur(layer, (5, 5), 0.8)[gap] / spread[gap]
     return averages, measured | gap
 
 

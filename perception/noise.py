@@ -20,7 +20,7 @@ class NoiseProfile:
     """Settings that depend on the sensor's noise. Lengths in metres, curvatures in 1/m.
 
     Attributes:
-        name: "stereo", "xtion" or "tof".
+        name: "stereo", "stereo-head", "xtion" or "tof".
         resolution: side of a height-map cell.
         depth_noise: standard deviation of one depth reading, quantisation included.
         garment_height: height above the table from which depth alone calls a cell garment.
@@ -86,7 +86,7 @@ def noise_profile_names() -> tuple[str, ...]:
 
 
 def noise_profile(name: str) -> NoiseProfile:
-    """Return the profile `name` ("stereo", "xtion", "tof") from the package's sensors.
+    """Return the profile `name` ("stereo", "stereo-head", "xtion", "tof") from the package's sensors.
 
     Raises:
         InputError: there is no such profile, or its file does not fit.

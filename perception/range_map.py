@@ -29,7 +29,7 @@ class RangeMap:
         resolution: metres per cell along both axes.
         origin: (2,) world x, y of the centre of cell [0, 0].
         table_height: world z of the table plane.
-        sensor: name of the noise profile: "stereo", "xtion" or "tof".
+        sensor: name of the noise profile: "stereo", "stereo-head", "xtion" or "tof".
         colour: (ny, nx, 3) uint8 RGB, or None.
 
     Raises:
