@@ -2,7 +2,7 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Any, TypeVar, cast, get_type_hints
+from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import yaml
 
@@ -55,6 +55,10 @@ def _frozen(schema: Any) -> bool:
 
 def _mutable(schema: type[Any]) -> type[Any]:
     """Return a twin of a frozen dataclass, mutable down to what it holds: the typed loader assigns."""
+    if get_origin(schema) is list:
+        (item,) = get_args(schema)
+        twin: Any = _mutable(item)
+        return schema if twin is item else list[twin]
     if not _frozen(schema):
         return schema
     hints = get_type_hints(schema)
@@ -73,6 +77,8 @@ def _mutable(schema: type[Any]) -> type[Any]:
 
 def _rebuilt(schema: Any, loaded: Any) -> Any:
     """Return the frozen dataclass that a filled twin stands for."""
+    if get_origin(schema) is list:
+        return [_rebuilt(get_args(schema)[0], item) for item in loaded]
     if not _frozen(schema):
         return loaded
     hints = get_type_hints(schema)

@@ -1,10 +1,19 @@
 """Fixtures for all tests."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from unwrinkle.perception.boards import Board, charuco_board
+from unwrinkle.perception.camera import Camera
+from unwrinkle.perception.pose import Pose
+
+_DESK = 150  # grey of what is around a drawn board
 REPOSITORY = Path(__file__).parents[1]
 
 
@@ -21,3 +30,49 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real captures in {folder}; set UNWRINKLE_DATA to their folder")
     return folder.resolve()
+
+
+@pytest.fixture(scope="session")
+def draw_board() -> Callable[..., NDArray[np.uint8]]:
+    """Draw a board through a camera with its distortion, every pixel from 9 rays."""
+    return _drawn
+
+
+def _drawn(
+    board: Board,
+    camera: Camera,
+    X_CT: Pose,
+    *,
+    contrast: float = 0.8,
+    blur: float = 0.6,
+    noise: float = 0.0,
+    seed: int = 0,
+) -> NDArray[np.uint8]:
+    texels = 40
+    squares = (board.columns + 1, board.rows + 1)
+    if board.dictionary:
+        size = (squares[0] * texels, squares[1] * texels)
+        pattern = charuco_board(board).generateImage(size, marginSize=0)
+    else:
+        dark = np.add.outer(np.arange(squares[1]), np.arange(squares[0])) % 2 == 0
+        pattern = np.kron(np.where(dark, 0, 255), np.ones((texels, texels))).astype(np.uint8)
+    pattern = np.pad(pattern, texels, constant_values=255)
+    R, p = X_CT[:3, :3], X_CT[:3, 3]
+    around = (board.points_T[[0, board.columns - 1, -1, -board.columns], :2]) @ R[:, :2].T
+    seen = camera.project(p + 1.6 * around - 0.3 * around.sum(axis=0) / 2.0)
+    left, top = np.clip(seen.min(axis=0), 0, None).astype(int)
+    right, bottom = np.ceil(seen.max(axis=0)).astype(int)
+    x, y = (ray[top:bottom, left:right] for ray in camera.rays())
+    # Rays are smooth: interpolated between pixels.
+    fine = (3 * x.shape[1], 3 * x.shape[0])
+    rays = cv2.resize(np.stack([x, y], axis=-1).astype(np.float32), fine)
+    depth = (R[:, 2] @ p) / (rays @ R[:2, 2] + R[2, 2])
+    points = np.concatenate([rays * depth[..., None], depth[..., None]], axis=-1) - p
+    # Two squares before the first corner: the margin and the outer square.
+    places = (points @ R[:, :2] / board.square + 2.0) * texels - 0.5
+    part = cv2.remap(pattern, places.astype(np.float32), None, cv2.INTER_NEAREST, borderValue=_DESK)
+    image = np.full((camera.height, camera.width), _DESK, np.uint8)
+    image[top:bottom, left:right] = cv2.resize(part, x.shape[::-1], interpolation=cv2.INTER_AREA)
+    light = 128.0 + contrast * (cv2.GaussianBlur(image.astype(float), (0, 0), blur) - 128.0)
+    light += noise * np.random.default_rng(seed).standard_normal(light.shape)
+    return np.clip(np.rint(light), 0, 255).astype(np.uint8)

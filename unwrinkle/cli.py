@@ -52,8 +52,13 @@ def _options(
 
 for _module in pkgutil.iter_modules(commands.__path__):
     if not _module.name.startswith("_"):
-        _command = importlib.import_module(f"{commands.__name__}.{_module.name}")
-        app.command()(getattr(_command, _module.name))
+        _command = getattr(
+            importlib.import_module(f"{commands.__name__}.{_module.name}"), _module.name
+        )
+        if isinstance(_command, typer.Typer):  # a command with sub-commands
+            app.add_typer(_command, name=_module.name)
+        else:
+            app.command()(_command)
 
 
 def main() -> None:

@@ -17,9 +17,20 @@ if TYPE_CHECKING:
 
     from unwrinkle.models.robot import Cell
     from unwrinkle.perception.analysis import Analysis
+    from unwrinkle.perception.noise import NoiseProfile
+    from unwrinkle.perception.range_map import RangeMap
     from unwrinkle.perception.wrinkledness import Wrinkledness
 
-CaptureArgument = Annotated[Path, typer.Argument(help="Depth: .png (mm), .npy, .npz.")]
+CaptureArgument = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="DEPTH | LEFT RIGHT",
+        help="Depth: .png (mm), .npy, .npz; or the images of the left and the right eye.",
+    ),
+]
+HeadOption = Annotated[
+    Path | None, typer.Option(help="Of a pair: head.yaml, the angles it was taken at.")
+]
 CameraOption = Annotated[
     str | None, typer.Option(help="A camera's name or YAML; e.g. xtion-pro-live.")
 ]
@@ -36,7 +47,8 @@ YawOption = Annotated[
     float, typer.Option(help="Without a pose: turn of the garment about the vertical, degrees.")
 ]
 SensorOption = Annotated[
-    str | None, typer.Option(help="Noise profile: stereo, xtion, tof (default: the camera's).")
+    str | None,
+    typer.Option(help="Noise profile: stereo, stereo-head, xtion, tof (default: the camera's)."),
 ]
 ModeOption = Annotated[str, typer.Option(help="Pull distance: foot (all slack) or paper.")]
 OutOption = Annotated[
@@ -57,7 +69,8 @@ _OVERHANG = 0.02
 class CaptureOptions:
     """What the user said of a capture; see the options above."""
 
-    capture: Path
+    files: tuple[Path, ...]
+    head: Path | None = None
     camera: str | None = None
     colour: Path | None = None
     registered: bool | None = None
@@ -67,10 +80,36 @@ class CaptureOptions:
     mode: str = "foot"
     seed: int = 0
 
+    def __post_init__(self) -> None:
+        """Refuse options that contradict each other.
+
+        Raises:
+            InputError: naming them.
+        """
+        count = len(self.files)
+        if count > 2:
+            raise InputError(f"{count} files given; wanted one depth file or two images of a pair")
+        if count == 2 and self.head is None:
+            raise InputError("two images need --head head.yaml, the angles they were taken at")
+        if count == 1 and self.head is not None:
+            raise InputError("--head goes with two images, LEFT and RIGHT; one file was given")
+        of_depth = ("camera", "colour", "registered", "pose")
+        wrong = [name for name in of_depth if getattr(self, name) is not None]
+        if self.yaw:
+            wrong.append("yaw")
+        if count == 2 and wrong:
+            options = ", ".join(f"--{name}" for name in wrong)
+            raise InputError(f"{options}: not with two images, whose head.yaml says it all")
+
+    @property
+    def name(self) -> str:
+        """What the capture is called in titles and files."""
+        return " + ".join(path.name for path in self.files)
+
     @property
     def folder(self) -> Path:
         """Where results go unless the user says otherwise."""
-        return Path("out") / self.capture.stem
+        return Path("out") / self.files[0].stem
 
 
 def analysed(options: CaptureOptions, cell: "Cell") -> "Analysis":
@@ -83,34 +122,64 @@ def analysed(options: CaptureOptions, cell: "Cell") -> "Analysis":
     Raises:
         InputError: a file or an option cannot be used, or there is no garment.
     """
-    from math import radians
-
     from unwrinkle.perception.analysis import analyse
-    from unwrinkle.perception.capture import load_capture, range_map_from_capture
     from unwrinkle.perception.noise import noise_profile
     from unwrinkle.perception.targeting import TableTop
 
     profile = noise_profile(options.sensor) if options.sensor is not None else None
+    mapped = _map_of_pair if options.head is not None else _map_of_depth
+    range_map = mapped(options, cell, profile)
+    x, y, _ = cell.table_centre
+    width, depth = cell.scenario.table.size
+    table = TableTop((float(x), float(y)), (width, depth))
+    return analyse(range_map, mode=options.mode, profile=profile, table=table)
+
+
+def _map_of_depth(
+    options: CaptureOptions, cell: "Cell", profile: "NoiseProfile | None"
+) -> "RangeMap":
+    from math import radians
+
+    from unwrinkle.perception.capture import load_capture, range_map_from_capture
+
     capture = load_capture(
-        options.capture,
+        options.files[0],
         options.camera,
         options.colour,
         colour_registered=options.registered,
         pose=options.pose,
     )
-    x, y, height = cell.table_centre
-    width, depth = cell.scenario.table.size
     garment_x, garment_y = cell.scenario.garment_centre
-    range_map = range_map_from_capture(
+    return range_map_from_capture(
         capture,
         profile=profile,
         centre=(garment_x, garment_y),
-        table_height=float(height),
+        table_height=float(cell.table_centre[2]),
         yaw=radians(options.yaw),
         seed=options.seed,
     )
-    table = TableTop((float(x), float(y)), (width, depth))
-    return analyse(range_map, mode=options.mode, profile=profile, table=table)
+
+
+def _map_of_pair(
+    options: CaptureOptions, cell: "Cell", profile: "NoiseProfile | None"
+) -> "RangeMap":
+    from unwrinkle.perception.head_file import load_look
+    from unwrinkle.perception.stereo_capture import KnownTable, range_map_from_pair
+    from unwrinkle.perception.stereo_pair import load_pair
+
+    assert options.head is not None
+    look, calibration = load_look(options.head)
+    pair = load_pair(*options.files)
+    x, y, height = (float(value) for value in cell.table_centre)
+    width, depth = cell.scenario.table.size
+    return range_map_from_pair(
+        pair,
+        calibration.stereo_head(cell.limits.head),
+        look.gaze,
+        table=KnownTable((x, y), (width, depth), height),
+        profile=profile,
+        seed=options.seed,
+    )
 
 
 def save_analysis(
@@ -130,7 +199,7 @@ def save_analysis(
     if pictures:
         from unwrinkle.pictures import save_pictures
 
-        save_pictures(folder, analysis, entropy, title=options.capture.name, singles=singles)
+        save_pictures(folder, analysis, entropy, title=options.name, singles=singles)
 
 
 def _report(
@@ -138,7 +207,7 @@ def _report(
 ) -> dict[str, object]:
     return {
         **analysis.to_json(),
-        "capture": options.capture.name,
+        "capture": options.name,
         "wrinkledness": {
             "point": None if entropy.point is None else entropy.point.tolist(),
             "entropy_max": float(entropy.entropy.max()),

@@ -5,6 +5,7 @@ from unwrinkle.commands._capture import (
     CaptureArgument,
     CaptureOptions,
     ColourOption,
+    HeadOption,
     ModeOption,
     OutOption,
     PicturesOption,
@@ -22,7 +23,8 @@ from unwrinkle.commands._capture import (
 
 
 def analyse(
-    capture: CaptureArgument,
+    files: CaptureArgument,
+    head: HeadOption = None,
     camera: CameraOption = None,
     colour: ColourOption = None,
     registered: RegisteredOption = None,
@@ -42,7 +44,9 @@ def analyse(
     from unwrinkle.models.scenario import load_scenario
     from unwrinkle.perception.target import FlatteningTarget
 
-    options = CaptureOptions(capture, camera, colour, registered, pose, yaw, sensor, mode, seed)
+    options = CaptureOptions(
+        tuple(files), head, camera, colour, registered, pose, yaw, sensor, mode, seed
+    )
     analysis = analysed(options, load_cell(load_scenario(scenario)))
     folder = out or options.folder
     with finished_folder(folder) as work:

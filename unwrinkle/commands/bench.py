@@ -52,6 +52,9 @@ def bench(
         write_json(json, report)
     if markdown is not None:
         write_text(markdown, page)
+        plot = getattr(benchmark, "plot", None)  # those that have a figure beside their table
+        if plot is not None:
+            plot(results, markdown.with_suffix(".png"))
 
 
 def benchmark_names() -> list[str]:

@@ -11,6 +11,7 @@ from unwrinkle.commands._capture import (
     CaptureArgument,
     CaptureOptions,
     ColourOption,
+    HeadOption,
     ModeOption,
     OutOption,
     PicturesOption,
@@ -40,7 +41,8 @@ _PLAN, _VERDICT, _PAGE = _PLAN_FILES = ("plan.npz", "verdict.json", "preview.htm
 
 
 def plan(
-    capture: CaptureArgument,
+    files: CaptureArgument,
+    head: HeadOption = None,
     camera: CameraOption = None,
     colour: ColourOption = None,
     registered: RegisteredOption = None,
@@ -63,7 +65,9 @@ def plan(
     from unwrinkle.models.robot import load_cell
     from unwrinkle.models.scenario import load_scenario
 
-    options = CaptureOptions(capture, camera, colour, registered, pose, yaw, sensor, mode, seed)
+    options = CaptureOptions(
+        tuple(files), head, camera, colour, registered, pose, yaw, sensor, mode, seed
+    )
     console = Console()
     clock = _Clock()
     cell = load_cell(load_scenario(scenario))
@@ -88,7 +92,7 @@ def plan(
     with finished_folder(folder) as work:
         save_analysis(work, analysis, options, pictures=pictures)
         clock.lap("pictures")
-        _save_plan(work, result, verdict, cell, capture.name)
+        _save_plan(work, result, verdict, cell, options.name)
         clock.lap("page")
     _print_plan(console, index, result, verdict)
     console.print(f"times: {clock}", highlight=False)

@@ -1,0 +1,196 @@
+"""The page and the plot of `bench stereo`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+
+def page(results: dict[str, Any]) -> str:
+    """Return the results as Markdown."""
+    parts = [
+        _headline(results),
+        _scenes(results["scenes"]),
+        _wrinkles(results["scenes"]),
+        _methods(results["methods"]),
+        _sizes(results["sizes"]),
+        _real(results["real"]),
+    ]
+    return "\n\n".join(parts)
+
+
+def plotted(results: dict[str, Any], path: Path) -> None:
+    """Draw time and error over the images' size."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    sizes = sorted(results["sizes"], key=lambda row: float(row["megapixels"]))
+    pixels = [row["megapixels"] for row in sizes]
+    figure, (left, right) = pyplot.subplots(1, 2, figsize=(9.0, 3.4), layout="constrained")
+    left.loglog(pixels, [row["time"] for row in sizes], "o-", label="measured")
+    linear = [sizes[0]["time"] * count / pixels[0] for count in pixels]
+    left.loglog(pixels, linear, "--", color="grey", label="linear in pixels")
+    left.set(xlabel="megapixels", ylabel="pair to map (s)", title="time")
+    left.legend()
+    right.loglog(pixels, [1e3 * row["height_rms"] for row in sizes], "o-")
+    right.set(xlabel="megapixels", ylabel="height error, RMS (mm)", title="error on terry cloth")
+    for axes in (left, right):
+        axes.set_xticks(pixels, [str(count) for count in pixels])
+        axes.grid(True, which="both", alpha=0.3)
+    figure.savefig(path, dpi=120)
+    pyplot.close(figure)
+
+
+def _rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
+
+
+def _headline(results: dict[str, Any]) -> str:
+    times = results["times"]
+    rows = [
+        ("raw 16 MP pair to map of the table, whole images, median", "2.0 s",
+         f"{results['pair_to_map_time_median']:.2f} s"),
+        ("the same, only what can show the table", "-", f"{times['table_region_median']:.2f} s"),
+        ("the same with garment, colour, levelled table (`analyse`)", "-",
+         f"{times['garment_map_median']:.2f} s"),
+        ("peak memory of a process that does both", "2.5 GB",
+         f"{results['peak_memory'] / 1e9:.2f} GB"),
+        ("disparity error on terry cloth in the cell, RMS", "0.15 px",
+         f"{results['disparity_rms']:.3f} px"),
+        ("bias", "0.02 px", f"{results['disparity_bias']:+.4f} px"),
+        ("valid", "99 %", f"{100 * results['valid_fraction']:.2f} %"),
+        ("time of SGBM 3WAY at full resolution over ours", "12",
+         f"{results['speedup_over_sgbm_full']:.1f}"),
+        ("its RMS over ours", "1.5", f"{results['rms_ratio_over_sgbm_full']:.1f}"),
+    ]  # fmt: skip
+    return _rows(("what", "target", "measured"), rows)
+
+
+def _scenes(scenes: dict[str, Any]) -> str:
+    rows = []
+    for scene in scenes.values():
+        rows.append(
+            (
+                scene["name"],
+                f"{scene['rms']:.3f}",
+                f"{scene['median']:.3f}",
+                f"{scene['bias']:+.4f}",
+                f"{100 * scene['valid']:.2f}",
+                f"{1e3 * scene['height_per_pixel']:.2f}",
+                f"{1e3 * scene['height_rms']:.3f}",
+                f"{1e3 * scene['map']['rms']:.3f} ({1e3 * scene['map']['bias']:+.3f})",
+                f"{1e3 * scene['spline']['rms']:.3f}",
+            )
+        )
+    head = (
+        "cloth, distance",
+        "disparity RMS px",
+        "median px",
+        "bias px",
+        "valid %",
+        "mm of height per px",
+        "height RMS mm",
+        "height map RMS (bias) mm",
+        "after the spline mm",
+    )
+    return (
+        "Cloth with ridges 15 to 21 mm high, lens and sensor as in the cell (shot and read noise, "
+        "blur, distortion, vignetting, unlike gain). Every valid pixel of the cloth counts but "
+        "those within 6 mm of its rim (10 mm on the map); nothing else is left out.\n\n"
+        + _rows(head, rows)
+    )
+
+
+def _wrinkles(scenes: dict[str, Any]) -> str:
+    rows = []
+    for scene in scenes.values():
+        for row in scene["wrinkles"]:
+            found = "width_error" in row
+            rows.append(
+                (
+                    scene["name"],
+                    f"{1e3 * row['width']:.1f}",
+                    f"{1e3 * row['width_error']:+.2f}" if found else "not found",
+                    f"{1e3 * row['height']:.2f}",
+                    f"{1e3 * row['height_error']:+.2f}" if found else "-",
+                )
+            )
+    head = ("cloth, distance", "true width mm", "error", "true chord height mm", "error")
+    return "Wrinkles found on these maps (target: within 0.5 mm).\n\n" + _rows(head, rows)
+
+
+def _methods(methods: list[dict[str, Any]]) -> str:
+    ours = methods[0]
+    rows = [
+        (
+            row["name"],
+            f"{row['time']:.2f}",
+            f"{row['time'] / ours['time']:.1f}",
+            f"{row['rms']:.3f}",
+            f"{row['rms'] / ours['rms']:.1f}",
+            f"{row['median']:.3f}",
+            f"{100 * row['valid']:.1f}",
+            f"{100 * row['gross']:.3f}",
+        )
+        for row in methods
+    ]
+    head = (
+        "method", "time s", "over ours", "RMS px", "over ours", "median px", "valid %",
+        "beyond 3 mm %",
+    )  # fmt: skip
+    return (
+        "Matching alone, on one rectified pair of the whole images (terry cloth in the cell).\n\n"
+        + _rows(head, rows)
+    )
+
+
+def _sizes(sizes: list[dict[str, Any]]) -> str:
+    rows = [
+        (
+            f"{row['megapixels']}",
+            f"{row['time']:.2f}",
+            f"{row['rms']:.3f}",
+            f"{1e3 * row['height_rms']:.3f}",
+            f"{100 * row['valid']:.2f}",
+        )
+        for row in sizes
+    ]
+    head = ("megapixels", "pair to map s", "disparity RMS px", "height RMS mm", "valid %")
+    return (
+        "The same pair as area averages, whole images.\n\n"
+        + _rows(head, rows)
+        + "\n\n![time and error by size](stereo.png)"
+    )
+
+
+def _real(real: dict[str, Any]) -> str:
+    if not real:
+        return "The real pairs were not at hand (set UNWRINKLE_DATA)."
+    motorcycle, boards = real["motorcycle"], real["chessboards"]
+    rows = [
+        (
+            row["name"],
+            f"{row['median']:.3f}",
+            f"{100 * row['bad']:.1f}",
+            f"{100 * row['valid']:.1f}",
+        )
+        for row in motorcycle
+    ]
+    head = ("Middlebury Motorcycle", "median px", "over 1 px %", "valid %")
+    board_rows = [
+        ("stereo RMS", "0.15 px", f"{boards['stereo_rms']:.3f} px"),
+        ("row error after rectification, RMS", "0.2 px", f"{boards['row_error']:.3f} px"),
+        ("focal length against the owner's", "0.5 %", f"{100 * boards['focal_difference']:.2f} %"),
+        ("views", "-", f"{boards['views']}"),
+    ]
+    return (
+        "Real pairs. Motorcycle: pixels with truth that the right eye sees too; a pixel without an "
+        "answer counts as wrong.\n\n"
+        + _rows(head, rows)
+        + "\n\n"
+        + _rows(("real chessboards", "target", "measured"), board_rows)
+    )

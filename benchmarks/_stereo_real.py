@@ -1,0 +1,102 @@
+"""Real pairs: Middlebury's Motorcycle, full of depth edges, and a stereo rig's chessboards.
+
+D. Scharstein et al., High-resolution stereo datasets with subpixel-accurate ground truth, GCPR
+2014. The chessboards come with their owner's intrinsics.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.benchmarks._data import data_folder
+from unwrinkle.models.errors import InputError
+from unwrinkle.perception.boards import Board, BoardView, find_board, load_grey
+from unwrinkle.perception.calibration import PairView, calibrate_stereo
+from unwrinkle.perception.stereo_matching import match
+
+_HIGHEST = 79
+_BOARD = Board(columns=9, rows=6, square=0.025)
+_OWNERS_FOCAL = 518.05  # both cameras, intrinsics.yml
+
+
+def figures() -> dict[str, Any]:
+    """Figures of both; {} where the data is not at hand."""
+    try:
+        return {
+            "motorcycle": motorcycle(data_folder("stereo_motorcycle")),
+            "chessboards": chessboards(data_folder("stereo_chessboard")),
+        }
+    except InputError:
+        return {}
+
+
+def motorcycle(folder: Path) -> list[dict[str, Any]]:
+    """Ours and SGBM alone on one mask: where there is truth and SGBM (with its checks) answers."""
+    left, right = (load_grey(folder / f"motorcycle_{side}.png") for side in ("left", "right"))
+    with np.load(folder / "motorcycle_disp.npz") as stored:
+        truth = stored["arr_0"]
+    matcher = cv2.StereoSGBM.create(
+        minDisparity=0,
+        numDisparities=_HIGHEST + 1,
+        blockSize=5,
+        P1=200,
+        P2=800,
+        disp12MaxDiff=1,
+        preFilterCap=31,
+        uniquenessRatio=5,
+        speckleWindowSize=100,
+        speckleRange=2,
+        mode=cv2.STEREO_SGBM_MODE_HH4,
+    )
+    alone = np.asarray(matcher.compute(left, right)).astype(np.float32) / 16.0
+    known = np.isfinite(truth) & (truth > 0.0)
+    mask = known & (alone > 0.0)
+    ours = match(left, right, 0, _HIGHEST)
+    return [
+        _row("SGBM alone", alone, alone > 0.0, truth, mask, known),
+        _row("ours", ours.disparity, ours.valid, truth, mask, known),
+    ]
+
+
+def _row(
+    name: str,
+    disparity: NDArray[np.float32],
+    valid: NDArray[np.bool_],
+    truth: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    known: NDArray[np.bool_],
+) -> dict[str, Any]:
+    error = np.where(valid, np.abs(disparity - np.where(known, truth, 0.0)), np.inf)
+    return {
+        "name": name,
+        "median": float(np.median(error[mask])),
+        "bad": float(np.mean(error[mask] > 1.0)),
+        "valid": float(np.count_nonzero(valid & known) / np.count_nonzero(known)),
+    }
+
+
+def chessboards(folder: Path) -> dict[str, Any]:
+    """Calibrate the rig from its eight pairs."""
+    pairs = []
+    for path in sorted(folder.glob("left*.jpg")):
+        views = [find_board(load_grey(p), _BOARD, name=p.name) for p in (path, _partner(path))]
+        left, right = views
+        if isinstance(left, BoardView) and isinstance(right, BoardView):
+            pairs.append(PairView(path.stem, left, right))
+    found = calibrate_stereo(pairs, _BOARD).calibration
+    focal = [found.left.fx, found.left.fy, found.right.fx, found.right.fy]
+    return {
+        "views": len(found.views),
+        "stereo_rms": found.rms,
+        "row_error": found.row_error,
+        "focal_difference": float(np.max(np.abs(np.array(focal) / _OWNERS_FOCAL - 1.0))),
+    }
+
+
+def _partner(left: Path) -> Path:
+    return left.with_name(left.name.replace("left", "right"))

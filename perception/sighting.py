@@ -1,0 +1,162 @@
+"""Where a point of the scene is in an image, to a fraction of a pixel, or that it is not there.
+
+SIFT matches in reduced images tell the place to a few pixels, Lucas-Kanade on a small window of the
+images themselves to one, its affine refinement to a fraction (ECC: G. Evangelidis and E. Psarakis,
+PAMI 2008). The windows are small because cloth with wrinkles is no plane.
+"""
+
+from dataclasses import dataclass
+from math import floor
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.models import InputError
+from unwrinkle.perception.features import Homography, Points, Template, View, find, mapped, template
+
+_WINDOWS = (31, 61)  # pixels; the larger where the smaller holds too little texture
+_LEVELS = 2
+_AFFINE_WINDOW = 41
+_MOST_REST = 4.0  # pixels
+_CROP = 160  # pixels to each side of the expected place
+_LEAST_CORRELATION = 0.6
+_FARTHEST_SHIFT = 60.0  # pixels that the matches may be off
+_BLUR = 1.0  # pixels; the sensor's noise is finer than the cloth's texture
+_REGIONS = (1 / 8, 1 / 4, 1.0)  # radius of the surroundings to verge by, of the image's width
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """Where a point is in an image.
+
+    Attributes:
+        pixel: (2,) u, v; may be outside the image where only a part of the target is in it.
+        inliers: SIFT matches that agree.
+        correlation: of the windows around the point, -1 to 1; 0 where they were not compared.
+        H: (3, 3) from the template's pixels to the image's, by the matches.
+    """
+
+    pixel: Points
+    inliers: int
+    correlation: float
+    H: Homography
+
+    @property
+    def sharp(self) -> bool:
+        """Whether the place is known to a fraction of a pixel."""
+        return self.correlation >= _LEAST_CORRELATION
+
+
+@dataclass(frozen=True)
+class NotSeen:
+    """The target is not in the image.
+
+    Attributes:
+        reason: in words.
+    """
+
+    reason: str
+
+
+def locate(target: Template, scene: View) -> Sighting | NotSeen:
+    """Find the point that counts of a template in a view.
+
+    Args:
+        target: of an image reduced by about the same factor.
+        scene: to look in.
+    """
+    found = find(target.features, scene.features, scene.factor)
+    if found is None:
+        return NotSeen(
+            f"{target.name}: too few of its {len(target.features)} features are among the "
+            f"{len(scene.features)} of the image"
+        )
+    H, inliers = found
+    pixel = mapped(H, target.centre)
+    if not np.isfinite(pixel).all():
+        return NotSeen(f"{target.name}: its centre is far outside the image")
+    for window in _WINDOWS:
+        aligned = _align(target, H, pixel, scene.grey, window)
+        if aligned is not None:
+            return Sighting(aligned[0], inliers, aligned[1], H)
+    return Sighting(pixel, inliers, 0.0, H)
+
+
+def correspond(source: View, pixel: Points, scene: View) -> Sighting | NotSeen:
+    """Find the surface point at a pixel (2,) of one view in another, by what is around it."""
+    height, width = source.grey.shape
+    if not (0.0 <= pixel[0] <= width - 1.0 and 0.0 <= pixel[1] <= height - 1.0):
+        return NotSeen(f"the point is outside the other eye's image, at {np.round(pixel)}")
+    for region in _REGIONS:
+        reach = region * width
+        box = (pixel[0] - reach, pixel[1] - reach, pixel[0] + reach, pixel[1] + reach)
+        try:
+            around = template(source, "the point's surroundings", box=box, point=pixel)
+        except InputError:  # too few features
+            continue
+        found = locate(around, scene)
+        if isinstance(found, Sighting):
+            return found
+    return NotSeen("the point's surroundings do not match the other eye's image")
+
+
+def _align(
+    target: Template, H: Homography, pixel: Points, grey: NDArray[np.uint8], window: int
+) -> tuple[Points, float] | None:
+    """Place of the template's centre by Lucas-Kanade, and how well the windows correlate."""
+    height, width = grey.shape
+    half = 0.5 * window
+    if not (half <= pixel[0] <= width - 1 - half and half <= pixel[1] <= height - 1 - half):
+        return None
+    u, v = floor(pixel[0] + 0.5), floor(pixel[1] + 0.5)
+    u0, v0 = max(u - _CROP, 0), max(v - _CROP, 0)
+    crop = grey[v0 : v + _CROP + 1, u0 : u + _CROP + 1]
+    to_crop = np.array([[1.0, 0.0, -u0], [0.0, 1.0, -v0], [0.0, 0.0, 1.0]])
+    size = (crop.shape[1], crop.shape[0])
+    expected = cv2.warpPerspective(
+        target.grey, to_crop @ H, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101
+    )
+    a, b = (_normalised(np.asarray(image)) for image in (expected, crop))
+    start = (pixel - [u0, v0]).astype(np.float32).reshape(1, 1, 2)
+    end, found, _ = cv2.calcOpticalFlowPyrLK(
+        a, b, start, start.copy(), winSize=(window, window), maxLevel=_LEVELS,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW, criteria=(3, 30, 0.005),
+    )  # fmt: skip
+    shift = np.asarray(end, dtype=float).ravel() - start.ravel()
+    if not found.ravel()[0] or np.abs(shift).max() > _FARTHEST_SHIFT:
+        return None
+    pieces = [
+        np.asarray(cv2.getRectSubPix(image, (window, window), place), dtype=float)
+        for image, place in ((a, start.ravel().tolist()), (b, end.ravel().tolist()))
+    ]
+    spread = float(pieces[0].std() * pieces[1].std())
+    if spread == 0.0:  # saturated, or black
+        return None
+    correlation = float(np.mean((pieces[0] - pieces[0].mean()) * (pieces[1] - pieces[1].mean())))
+    correlation /= spread
+    if correlation < _LEAST_CORRELATION:
+        return None
+    return pixel + shift + _affine_rest(a, b, start.ravel(), end.ravel()), correlation
+
+
+def _affine_rest(
+    a: NDArray[np.uint8], b: NDArray[np.uint8], start: Points, end: Points
+) -> NDArray[np.float64]:
+    """What a shift alone leaves (2,) where a wrinkle's flank is seen stretched: ECC, affine."""
+    middle = 0.5 * (_AFFINE_WINDOW - 1)
+    piece = cv2.getRectSubPix(a, (_AFFINE_WINDOW, _AFFINE_WINDOW), start.tolist())
+    warp = np.array([[1.0, 0.0, end[0] - middle], [0.0, 1.0, end[1] - middle]], dtype=np.float32)
+    try:
+        _, warp = cv2.findTransformECC(piece, b, warp, cv2.MOTION_AFFINE, (3, 40, 1e-4), None, 1)
+    except cv2.error:  # does not converge
+        return np.zeros(2)
+    rest = np.asarray(warp[:, :2] @ [middle, middle] + warp[:, 2] - end, dtype=float)
+    return rest if np.abs(rest).max() < _MOST_REST else np.zeros(2)
+
+
+def _normalised(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Same mean and contrast for all: the eyes' gains differ, and so does the light."""
+    smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), _BLUR), dtype=np.float32)
+    smooth = (smooth - smooth.mean()) * (40.0 / max(float(smooth.std()), 1.0)) + 128.0
+    return np.clip(np.rint(smooth), 0.0, 255.0).astype(np.uint8)

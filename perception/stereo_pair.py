@@ -1,0 +1,93 @@
+"""A pair of images as it comes from the head, and what is refused before any work is done."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.models import InputError
+
+_DARK, _BRIGHT = 4, 251
+_MOST_SPOILT = 0.6  # share of pixels that may be black, or saturated
+_LEAST_CONTRAST = 1.5  # standard deviation of the grey levels
+
+
+@dataclass(frozen=True, eq=False)
+class StereoPair:
+    """What the left and the right eye saw at one time.
+
+    Attributes:
+        left, right: (h, w, 3) uint8 RGB.
+        name: for messages.
+
+    Raises:
+        InputError: of different sizes, no colour images, or an eye is black, saturated or blank,
+            or both are one and the same image.
+    """
+
+    left: NDArray[np.uint8]
+    right: NDArray[np.uint8]
+    name: str = "pair"
+
+    def __post_init__(self) -> None:
+        """Check, and make read-only views."""
+        for side in ("left", "right"):
+            image = np.asarray(getattr(self, side))
+            if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
+                raise InputError(
+                    f"{self.name}: the {side} image is {image.dtype} {image.shape}, wanted uint8 "
+                    "(rows, columns, 3)"
+                )
+            image = image.view()
+            image.setflags(write=False)
+            object.__setattr__(self, side, image)
+        if self.left.shape != self.right.shape:
+            sizes = [f"{i.shape[1]} x {i.shape[0]}" for i in (self.left, self.right)]
+            raise InputError(
+                f"{self.name}: the left image is {sizes[0]}, the right {sizes[1]}; "
+                "take both with the same resolution"
+            )
+        left, right = _thinned(self.left), _thinned(self.right)
+        _check_exposure(left, f"{self.name}: the left eye")
+        _check_exposure(right, f"{self.name}: the right eye")
+        if np.array_equal(left, right):
+            raise InputError(f"{self.name}: left and right are the same image; name both eyes")
+
+
+def load_pair(left: str | Path, right: str | Path) -> StereoPair:
+    """Read two image files.
+
+    Raises:
+        InputError: one is missing or no image, or the pair cannot be used; see `StereoPair`.
+    """
+    left, right = Path(left), Path(right)
+    name = f"{left.name} + {right.name}"
+    return StereoPair(_read(left, "left"), _read(right, "right"), name)
+
+
+def _read(path: Path, side: str) -> NDArray[np.uint8]:
+    if not path.is_file():
+        raise InputError(f"{path}: no such {side} image; check the name or the folder")
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+    if image is None:
+        raise InputError(f"{path}: is no readable image; copy or take it again")
+    return np.asarray(image, dtype=np.uint8)
+
+
+def _thinned(image: NDArray[np.uint8]) -> NDArray[Any]:
+    step = max(1, image.shape[1] // 400)
+    return image[::step, ::step]
+
+
+def _check_exposure(image: NDArray[Any], label: str) -> None:
+    grey = image.mean(axis=2)
+    dark, bright = float(np.mean(grey < _DARK)), float(np.mean(grey > _BRIGHT))
+    if dark > _MOST_SPOILT:
+        raise InputError(f"{label} is black ({dark:.0%} of it); check its lens cap and exposure")
+    if bright > _MOST_SPOILT:
+        raise InputError(f"{label} is saturated ({bright:.0%} of it); shorten its exposure")
+    if grey.std() < _LEAST_CONTRAST:
+        raise InputError(f"{label} shows no structure (contrast {grey.std():.1f}); check its focus")

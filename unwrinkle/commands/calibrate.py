@@ -1,0 +1,235 @@
+"""``unwrinkle calibrate``: images of a board in, a calibration file and its residuals out."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from unwrinkle.models.errors import InputError
+
+if TYPE_CHECKING:
+    from unwrinkle.perception.boards import Board
+    from unwrinkle.perception.calibration_files import Told
+    from unwrinkle.perception.camera import Camera
+    from unwrinkle.perception.head_file import HeadCalibration
+
+calibrate = typer.Typer(
+    help="Calibrate cameras, the stereo head, or a camera in the gripper, from images of a board.",
+    no_args_is_help=True,
+)
+
+BoardOption = Annotated[
+    str | None,
+    typer.Option("--board", metavar="COLUMNSxROWS", help="Inner corners of the board, as 9x6."),
+]
+SquareOption = Annotated[float | None, typer.Option(help="Side of a square, metres.")]
+CharucoOption = Annotated[
+    str | None, typer.Option(help="ChArUco dictionary, as DICT_5X5_100; without, a chessboard.")
+]
+MarkerOption = Annotated[float, typer.Option(help="Side of a ChArUco marker, metres.")]
+
+
+@calibrate.command()
+def stereo(
+    images: Annotated[
+        list[Path],
+        typer.Argument(metavar="IMAGES...", help="left*/right* files, or folders of them."),
+    ],
+    board: BoardOption = None,
+    square: SquareOption = None,
+    charuco: CharucoOption = None,
+    marker: MarkerOption = 0.0,
+    out: Annotated[Path, typer.Option(help="The calibration file.")] = Path("stereo.yaml"),
+) -> None:
+    """Intrinsics of both cameras and the pose between them, from at least 8 pairs."""
+    from unwrinkle.calibration_pictures import save_residuals
+    from unwrinkle.perception.calibration import calibrate_stereo
+    from unwrinkle.perception.calibration_files import find_pairs, save_record, view_pairs
+
+    wanted = _board(board, square, charuco, marker)
+    pairs = find_pairs(images)
+    with _progress("finding boards") as told:
+        views, missing = view_pairs(pairs, wanted, told)
+    fit = calibrate_stereo(views, wanted, not_found=missing)
+    found = fit.calibration
+    save_record(out, found)
+    picture = out.with_suffix(".png")
+    names = [record.name for record in found.views for _ in (0, 1)]
+    eyes = [0, 1] * len(found.views)
+    title = f"stereo calibration: {len(found.views)} pairs, RMS {found.rms:.3f} px"
+    cameras = (found.left, found.right)
+    save_residuals(picture, cameras, names, eyes, fit.corners, fit.residuals, title=title)
+    for camera, sigma in zip(cameras, found.focal_sigma, strict=True):
+        _say_camera(camera, f" ± {sigma:.2f}")
+    baseline = sum(x * x for x in found.relative.translation) ** 0.5
+    print(
+        f"{len(found.views)} pairs: RMS {found.rms:.3f} px, rows {found.row_error:.3f} px apart "
+        f"after rectification, baseline {baseline:.4f} m"
+    )
+    _say_rejected(found.rejected)
+    print(f"written to {out} and {picture}")
+
+
+@calibrate.command("hand-eye")
+def hand_eye(
+    stereo: Annotated[
+        Path | None, typer.Option(help="Stereo calibration of the head's two cameras.")
+    ] = None,
+    looks: Annotated[
+        Path | None, typer.Option(help="YAML of images and pan-tilt angles (the head).")
+    ] = None,
+    poses: Annotated[
+        Path | None, typer.Option(help="YAML of images and gripper poses (a camera in it).")
+    ] = None,
+    camera: Annotated[
+        str | None,
+        typer.Option(help="With --poses: name or YAML of the camera; without, from the images."),
+    ] = None,
+    head: Annotated[
+        Path | None, typer.Option(help="Calibration to start from; without, the Glasgow head's.")
+    ] = None,
+    repeatability: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Of the pan-tilt units, radians; without, from the looks."),
+    ] = None,
+    board: BoardOption = None,
+    square: SquareOption = None,
+    charuco: CharucoOption = None,
+    marker: MarkerOption = 0.0,
+    out: Annotated[Path | None, typer.Option(help="The calibration file.")] = None,
+) -> None:
+    """Cameras on their pan-tilt units (--stereo, --looks), or a camera in the gripper (--poses)."""
+    if poses is not None:
+        if stereo is not None or looks is not None:
+            raise InputError("calibrate hand-eye: give --poses, or --stereo and --looks; not both")
+        wanted = _board(board, square, charuco, marker)
+        _gripper(poses, camera, wanted, out or Path("gripper-camera.yaml"))
+        return
+    if stereo is None or looks is None:
+        raise InputError("calibrate hand-eye: the head needs --stereo FILE and --looks FILE")
+    from unwrinkle.perception.calibration_files import load_stereo
+    from unwrinkle.perception.head_file import load_calibration, nominal_calibration
+
+    pair = load_stereo(stereo)
+    wanted = pair.board if board is None else _board(board, square, charuco, marker)
+    nominal = load_calibration(head) if head is not None else nominal_calibration()
+    from unwrinkle.calibration_pictures import save_residuals
+    from unwrinkle.perception.calibration_files import view_looks
+    from unwrinkle.perception.head_calibration import calibrate_head
+
+    out = out or Path("head-calibration.yaml")
+    with _progress("finding boards") as told:
+        seen, missing = view_looks(looks, wanted, told)
+    fit = calibrate_head(seen, pair, nominal, joint_noise=repeatability)
+    fit.calibration.save(out)
+    picture = out.with_suffix(".png")
+    cameras = (fit.calibration.left.camera, fit.calibration.right.camera)
+    save_residuals(
+        picture,
+        cameras,
+        fit.names,
+        fit.eyes,
+        fit.corners,
+        fit.adjustment.residuals,
+        title=f"head calibration: RMS {fit.adjustment.rms:.3f} px",
+    )
+    _say_head(fit.calibration)
+    for eye, (solution, sigma) in enumerate(
+        zip(fit.hand_eyes, fit.adjustment.mount_sigma, strict=True)
+    ):
+        print(
+            f"{cameras[eye].name}: camera on its mount known to {_millidegrees(sigma[3:].max())} "
+            f"mdeg, {1e3 * sigma[:3].max():.3f} mm (one sigma); methods agree to "
+            f"{_millidegrees(solution.turn_apart)} mdeg, {1e3 * solution.shift_apart:.2f} mm"
+        )
+    repeat = _millidegrees(fit.adjustment.joint_noise)
+    print(f"the units' angles are good to {repeat} mdeg (one sigma)")
+    _say_rejected([*missing, *fit.rejected])
+    print(f"written to {out} and {picture}")
+
+
+def _gripper(poses: Path, camera: str | None, board: "Board", out: Path) -> None:
+    from unwrinkle.calibration_pictures import save_residuals
+    from unwrinkle.perception.calibration_files import MountedCamera, save_record, view_poses
+    from unwrinkle.perception.camera import load_camera
+    from unwrinkle.perception.gripper_calibration import calibrate_gripper_camera
+    from unwrinkle.perception.pose import PoseRecord
+
+    known = load_camera(camera) if camera is not None else None
+    with _progress("finding boards") as told:
+        X_WG, views, missing = view_poses(poses, board, told)
+    fit = calibrate_gripper_camera(X_WG, views, known)
+    rejected = [*missing, *fit.rejected]
+    mount = PoseRecord.of(fit.X_GC)
+    save_record(out, MountedCamera(fit.date, fit.camera, mount, fit.rms, len(fit.views), rejected))
+    picture = out.with_suffix(".png")
+    names = [view.name for view in fit.views]
+    corners = [view.corners for view in fit.views]
+    title = f"gripper to camera: {len(names)} looks, RMS {fit.rms:.3f} px"
+    eyes = [0] * len(names)
+    save_residuals(picture, (fit.camera,), names, eyes, corners, fit.residuals, title=title)
+    _say_camera(fit.camera)
+    print(
+        f"{len(names)} looks: RMS {fit.rms:.3f} px; methods agree to "
+        f"{_millidegrees(fit.hand_eye.turn_apart)} mdeg, {1e3 * fit.hand_eye.shift_apart:.2f} mm"
+    )
+    _say_rejected(rejected)
+    print(f"written to {out} and {picture}")
+
+
+def _board(board: str | None, square: float | None, charuco: str | None, marker: float) -> "Board":
+    """Return the board that the options describe.
+
+    Raises:
+        InputError: its size is missing or no size.
+    """
+    from unwrinkle.perception.boards import Board
+
+    if board is None or square is None:
+        raise InputError("calibrate: say which board, as --board 9x6 --square 0.025")
+    columns, _, rows = board.lower().partition("x")
+    if not (columns.isdecimal() and rows.isdecimal()):
+        raise InputError(f"--board {board!r}: wanted inner corners as COLUMNSxROWS, such as 9x6")
+    return Board(int(columns), int(rows), square, charuco or "", marker)
+
+
+@contextmanager
+def _progress(stage: str) -> "Iterator[Told]":
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bars:
+        task = bars.add_task(stage, total=None)
+
+        def told(done: int, total: int, name: str) -> None:
+            bars.update(task, completed=done, total=total, description=f"{stage}: {name}")
+
+        yield told
+
+
+def _say_camera(camera: "Camera", focal: str = "") -> None:
+    k1, k2 = (*camera.distortion, 0.0, 0.0)[:2]
+    print(
+        f"{camera.name}: fx {camera.fx:.2f}{focal}, fy {camera.fy:.2f}, centre ({camera.cx:.2f}, "
+        f"{camera.cy:.2f}) px, k1 {k1:+.4f}, k2 {k2:+.4f}"
+    )
+
+
+def _say_head(calibration: "HeadCalibration") -> None:
+    for eye in (calibration.left, calibration.right):
+        _say_camera(eye.camera)
+        print(f"{eye.camera.name}: {eye.views} views, RMS {eye.residual:.3f} px")
+    print(f"rows of the looks {calibration.row_residual:.3f} px apart after rectification")
+
+
+def _say_rejected(rejected: list[str]) -> None:
+    for reason in rejected:
+        print(f"left out {reason}")
+
+
+def _millidegrees(angle: float) -> str:
+    from math import degrees
+
+    return f"{1e3 * degrees(angle):.1f}"

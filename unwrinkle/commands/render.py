@@ -1,0 +1,178 @@
+"""``unwrinkle render``: a pair of photographs as the head would take them, and the truth about it."""
+
+from datetime import date
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from unwrinkle.commands._capture import ScenarioOption, SeedOption, finished_folder
+from unwrinkle.models.errors import InputError
+
+if TYPE_CHECKING:
+    from unwrinkle.models.robot import Cell
+    from unwrinkle.perception.head import Gaze, StereoHead
+    from unwrinkle.perception.range_map import RangeMap
+    from unwrinkle.simulation.garments import Towel
+
+_GARMENTS = ("towel", "flat")
+_LEFT, _RIGHT, _LOOK, _TRUTH = ("left.png", "right.png", "head.yaml", "truth.npz")
+_MARGIN = 0.05  # of the truth around the garment, metres
+
+
+def render(
+    out: Annotated[Path, typer.Option(help="Folder for the pair and its truth.")],
+    seed: SeedOption = 0,
+    garment: Annotated[str, typer.Option(help="towel (three wrinkles) or flat.")] = "towel",
+    texture: Annotated[str, typer.Option(help="Of the cloth: terry, print or plain.")] = "terry",
+    scale: Annotated[
+        float, typer.Option(help="Size of the pictures: 1 (16 megapixels), 0.5, 0.25 or 0.125.")
+    ] = 1.0,
+    gaze_at: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y", help="Point of the table that both eyes look at, m [the garment's]."
+        ),
+    ] = None,
+    scenario: ScenarioOption = None,
+) -> None:
+    """Render what the stereo head sees of a garment in the cell, with a lens and a sensor's noise."""
+    from rich.console import Console
+
+    from unwrinkle.models.robot import load_cell
+    from unwrinkle.models.scenario import load_scenario
+    from unwrinkle.perception.head_file import NOMINAL_HEAD, Look, nominal_calibration
+
+    if garment not in _GARMENTS:
+        raise InputError(f"garment {garment!r}: unknown; known are {', '.join(_GARMENTS)}")
+    console = Console()
+    cell = load_cell(load_scenario(scenario))
+    calibration = nominal_calibration()
+    head = calibration.stereo_head(cell.limits.head)
+    target = cell.table_centre.copy()
+    target[:2] = cell.scenario.garment_centre if gaze_at is None else _point(gaze_at)
+    gaze = _whole_steps(head, head.gaze_at(target))
+    towel = _towel(garment, seed, cell)
+    with finished_folder(out) as work:
+        with console.status("rendering"):
+            _write_pair(work, cell, head, gaze, towel, texture, scale, seed)
+        truth_of(towel).save(work / _TRUTH)
+        # A rendered pair has no date of its own; the calibration's keeps the same run the same.
+        day = date.fromisoformat(calibration.date)
+        file = f"package://unwrinkle_models/heads/{NOMINAL_HEAD}.yaml"
+        Look.of(gaze, calibration, file, day).save(work / _LOOK)
+    console.print(
+        f"written to {out}: {_LEFT}, {_RIGHT}, {_LOOK}, {_TRUTH}; now\n"
+        f"unwrinkle analyse {out / _LEFT} {out / _RIGHT} --head {out / _LOOK}",
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
+def truth_of(towel: "Towel", resolution: float = 0.0005) -> "RangeMap":
+    """The towel's exact heights on a grid like that of a measured range map.
+
+    Args:
+        towel: on its table.
+        resolution: of the grid, metres.
+    """
+    import numpy as np
+
+    from unwrinkle.perception.range_map import RangeMap
+
+    half = 0.5 * towel.side * (abs(np.cos(towel.yaw)) + abs(np.sin(towel.yaw))) + _MARGIN
+    cells = np.arange(int(np.ceil(2.0 * half / resolution)) + 1)
+    # Cells fall on whole multiples of the resolution, as those of measured maps do.
+    first = [np.floor((centre - half) / resolution) * resolution for centre in towel.centre]
+    x, y = np.meshgrid(first[0] + cells * resolution, first[1] + cells * resolution)
+    return RangeMap(
+        height=towel.height(x, y).astype(np.float32),
+        valid=np.ones(x.shape, dtype=bool),
+        garment=towel.edge_distance(x, y) > 0.0,
+        resolution=resolution,
+        origin=np.array(first),
+        table_height=towel.table_height,
+        sensor="stereo",
+    )
+
+
+def _write_pair(
+    folder: Path,
+    cell: "Cell",
+    head: "StereoHead",
+    gaze: "Gaze",
+    towel: "Towel",
+    texture: str,
+    scale: float,
+    seed: int,
+) -> None:
+    import cv2
+    import numpy as np
+
+    from unwrinkle.simulation.image_noise import photograph_pair, scaled_camera
+    from unwrinkle.simulation.meshes import towel_mesh
+    from unwrinkle.simulation.rendering import Renderer
+
+    scaled_camera(head.left.camera, scale)  # refuses a wrong scale before any work
+    X_WL, X_WR = head.poses(gaze)
+    posture = np.zeros(len(cell.robot.axes))
+    posture[0] = gaze.ext_axis
+    renderer = Renderer(
+        cell,
+        [towel_mesh(towel, texture)],
+        posture=posture,
+        head=np.array([*gaze.left, *gaze.right]),
+    )
+    eyes = (head.left.camera, X_WL, head.right.camera, X_WR)
+    for name, image in zip(
+        (_LEFT, _RIGHT), photograph_pair(renderer, eyes, seed, scale=scale), strict=True
+    ):
+        quick = [cv2.IMWRITE_PNG_COMPRESSION, 1]  # noise does not compress anyhow
+        bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+        if not cv2.imwrite(str(folder / name), bgr, quick):
+            raise InputError(f"{folder / name}: cannot be written; name another folder with --out")
+
+
+def _towel(garment: str, seed: int, cell: "Cell") -> "Towel":
+    """The towel at the garment's place in the cell."""
+    import dataclasses as dc
+
+    from unwrinkle.simulation.garments import wrinkled_towel
+
+    towel = wrinkled_towel(seed)
+    x, y = cell.scenario.garment_centre
+    shift = (x - towel.centre[0], y - towel.centre[1])
+    ridges = tuple(
+        dc.replace(ridge, centre=(ridge.centre[0] + shift[0], ridge.centre[1] + shift[1]))
+        for ridge in towel.ridges
+    )
+    return dc.replace(
+        towel,
+        ridges=ridges if garment == "towel" else (),
+        centre=(x, y),
+        table_height=float(cell.table_centre[2]),
+    )
+
+
+def _whole_steps(head: "StereoHead", gaze: "Gaze") -> "Gaze":
+    """The nearest angles that the units' motors can hold."""
+    import dataclasses as dc
+
+    angles: dict[str, float] = {}
+    for side, eye in (("left", head.left), ("right", head.right)):
+        for axis in ("pan", "tilt"):
+            name = f"{side}_{axis}"
+            angles[name] = round(getattr(gaze, name) / eye.unit.step) * eye.unit.step
+    return dc.replace(gaze, **angles)
+
+
+def _point(text: str) -> tuple[float, float]:
+    """Two numbers of an option."""
+    try:
+        x, y = (float(word) for word in text.split(","))
+    except ValueError:
+        raise InputError(f"--gaze-at {text!r}: wanted X,Y in metres, as in 0,-1.1") from None
+    if not (isfinite(x) and isfinite(y)):
+        raise InputError(f"--gaze-at {text!r}: wanted X,Y in metres, finite, as in 0,-1.1")
+    return x, y
