@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.perception._photometric import CellSums
-from unwrinkle.perception._strips import in_strips
+from unwrinkle.perception._strips import in_strips, together
 
 Grid = NDArray[np.float32]
 
@@ -25,6 +25,11 @@ def gauss(values: Grid, sigma: float) -> Grid:
     return np.asarray(cv2.GaussianBlur(values, (0, 0), sigma, borderType=cv2.BORDER_REFLECT_101))
 
 
+def box(values: Grid, side: int) -> Grid:
+    """Mean over a square of `side` cells."""
+    return np.asarray(cv2.boxFilter(values, -1, (side, side), borderType=cv2.BORDER_REFLECT_101))
+
+
 def window_step(sums: CellSums, variance: Grid, window: float) -> Grid:
     """Change of disparity (rows, columns) float32, pixels of the image in use, at most one.
 
@@ -35,7 +40,8 @@ def window_step(sums: CellSums, variance: Grid, window: float) -> Grid:
         variance: of a grey level of the image in use.
         window: cells, sigma.
     """
-    gg, ge, g, e, n = (gauss(x, window) for x in (sums.gg, sums.ge, sums.g, sums.e, sums.n))
+    fields = (sums.gg, sums.ge, sums.g, sums.e, sums.n)
+    gg, ge, g, e, n = together(lambda field: gauss(field, window), fields)
     step = np.empty_like(gg)
     in_strips(_steps, len(gg), gg, ge, g, e, n, variance, step)
     return step
@@ -53,22 +59,26 @@ def weigh(
             the disparity lacks shows in the same differences, and the fit would shy away from it.
         out: (3, rows, columns) float32 for the result.
     """
-    many = np.maximum(_mean(sums.n, _MEAN), np.float32(1e-3))
-    means = (_mean(sums.e, _MEAN) / many, _mean(sums.g, _MEAN) / many)
-    # Of gg only the texture's share tells of disparity; the rest is the noise's own gradient.
-    own = np.float32(GRADIENT_NOISE) * variance * _mean(sums.n, _SHARE)
-    share = np.float32(1.0) - own / np.maximum(_mean(sums.gg, _SHARE), np.float32(1e-3))
-    fields = (sums.gg, sums.ge, sums.g, sums.e, sums.n)
-    fit = (sums.ee, sums.e, sums.n)
+    wanted = [
+        (sums.e, _MEAN),
+        (sums.g, _MEAN),
+        (sums.n, _MEAN),
+        (sums.n, _SHARE),
+        (sums.gg, _SHARE),
+    ]
     if side > 1:
-        fit = (_mean(sums.ee, side), _mean(sums.e, side), _mean(sums.n, side))
-    in_strips(_weigh, len(share), variance, fields, fit, means, share, out)
+        wanted += [(sums.ee, side), (sums.e, side), (sums.n, side)]
+    mean_e, mean_g, many, near, steep, *fit = together(lambda field: box(*field), wanted)
+    fit = fit or [sums.ee, sums.e, sums.n]
+    many = np.maximum(many, np.float32(1e-3))
+    means = (mean_e / many, mean_g / many)
+    # Of gg only the texture's share tells of disparity; the rest is the noise's own gradient.
+    own = np.float32(GRADIENT_NOISE) * variance * near
+    share = np.float32(1.0) - own / np.maximum(steep, np.float32(1e-3))
+    fields = (sums.gg, sums.ge, sums.g, sums.e, sums.n)
+    in_strips(_weigh, len(share), variance, fields, tuple(fit), means, share, out)
     weight, pull, misfit = out
     return weight, pull, misfit
-
-
-def _mean(values: Grid, size: int) -> Grid:
-    return np.asarray(cv2.boxFilter(values, -1, (size, size), borderType=cv2.BORDER_REFLECT_101))
 
 
 @nb.njit(nogil=True, cache=True, fastmath=True)

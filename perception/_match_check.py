@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.perception._cell_data import DIFFERENCE_NOISE, gauss
+from unwrinkle.perception._cell_data import DIFFERENCE_NOISE, box, gauss
 from unwrinkle.perception._disparity_surface import STIFFNESS, Grid, Surface
+from unwrinkle.perception._strips import together
 
 _SEEN = 0.5  # of a cell's pixels
 _WINDOWS = {1: 25, 2: 17, 4: 13}  # cells of so many pixels -> side of the square, cells
@@ -35,25 +36,22 @@ def believable(surface: Surface, lowest: float, highest: float) -> NDArray[np.bo
     seen = sums.n > _SEEN * surface.cell**2
     good = seen & (d > lowest - 1) & (d < highest + 1)
     side = _WINDOWS[surface.cell]
-    n = np.maximum(_mean(sums.n, side), np.float32(1e-3))
-    both, apart = (
-        _mean(square, side) / n - (_mean(value, side) / n) ** 2
-        for square, value in ((sums.ss, sums.s), (sums.ee, sums.e))
-    )
+    fields = (sums.n, sums.s, sums.ss, sums.e, sums.ee, sums.gg, sums.dd)
+    n, s, ss, e, ee, gg, dd = together(lambda field: box(field, side), fields)
+    n = np.maximum(n, np.float32(1e-3))
     # Of s = (l + r) / 2 and e = l - r: l r = s s - e e / 4, (l l + r r) / 2 = s s + e e / 4.
-    apart *= 0.25
+    both, apart = ss / n - (s / n) ** 2, 0.25 * (ee / n - (e / n) ** 2)
     good &= both - apart > _ALIKE * (both + apart) + _FLAT
-    both, apart = _mean(sums.gg, side) / n, 0.25 * _mean(sums.dd, side) / n
-    texture = both - apart
-    good &= texture > _GRADIENTS_ALIKE * (both + apart)
+    texture, power = (gg - 0.25 * dd) / n, (gg + 0.25 * dd) / n
+    good &= texture > _GRADIENTS_ALIKE * power
     if not good.any():
         return good
     misfit = _mean_where(surface.misfit, seen, _NEAR)
     quiet = float(np.quantile(misfit[good], _MATCHED)) / _MATCHED_MISFIT
     quiet = min(1.0, max(_QUIETEST, quiet))
     expected = np.float32(DIFFERENCE_NOISE) * surface.variance
-    allowed = np.float32(_OVER_NOISE * quiet)
-    allowed = allowed + np.float32(_OFF) * np.maximum(texture, np.float32(0.0)) / expected
+    beside = np.float32(_OFF) * np.maximum(texture, np.float32(0.0)) / expected
+    allowed = beside + np.float32(_OVER_NOISE * quiet)
     # A few cells on an edge must not condemn many beside it.
     misfit = _mean_where(np.minimum(surface.misfit, _WORST * allowed), seen, _NEAR)
     good &= misfit < allowed
@@ -73,11 +71,6 @@ def spread(surface: Surface) -> Grid:
     """
     weight = np.maximum(gauss(surface.weight, _NEAR), np.float32(1e-6))
     return np.asarray((64.0 * STIFFNESS * weight) ** -0.25, dtype=np.float32)
-
-
-def _mean(values: Grid, side: int) -> Grid:
-    size = (side, side)
-    return np.asarray(cv2.boxFilter(values, -1, size, borderType=cv2.BORDER_REFLECT_101))
 
 
 def _mean_where(values: Grid, mask: NDArray[np.bool_], sigma: float) -> Grid:

@@ -57,14 +57,14 @@ def cell_sums(
     Args:
         left, right: (rows * cell, columns * cell) uint8; pixels of 0 count as not seen.
         disparity: (rows, columns) float32 at the cells' centres; bilinear between.
-        cell: pixels.
+        cell: pixels, 1, 2 or 4.
         scale: what turns `disparity` into pixels of these images.
         out: (9, rows, columns) float32 for the result; None takes new memory.
     """
     if out is None:
         out = np.empty((9, *disparity.shape), dtype=np.float32)
-    # Compiled for each cell size, so that the loops over a cell unroll.
-    in_strips(_kernels[cell], disparity.shape[0], left, right, disparity, np.float32(scale), out)
+    rows = disparity.shape[0]
+    in_strips(_sum_cells, rows, left, right, disparity, cell, np.float32(scale), out)
     return CellSums(*out)
 
 
@@ -185,68 +185,88 @@ def _compare(
     seen[0] = seen[n - 1] = np.float32(0.0)
 
 
-def _kernel_of(cell: int):  # type: ignore[no-untyped-def]
-    @nb.njit(nogil=True, cache=True, fastmath=True)
-    def add(
-        g: Grid, e: Grid, seen: Grid, mid: Grid, unlike: Grid, out: NDArray[np.float32], i: int
-    ) -> None:
-        gg, ge, sum_g = out[0, i], out[1, i], out[2, i]
-        sum_e, ee, n = out[3, i], out[4, i], out[5, i]
-        s, ss, dd = out[6, i], out[7, i], out[8, i]
-        for x in range(gg.size):
-            a = b = c = d = f = h = p = q = r = np.float32(0.0)
-            for j in range(cell):
-                gradient, error = g[x * cell + j], e[x * cell + j]
-                a += gradient * gradient
-                b += gradient * error
-                c += gradient
-                d += error
-                f += error * error
-                h += seen[x * cell + j]
-                p += mid[x * cell + j]
-                q += mid[x * cell + j] * mid[x * cell + j]
-                r += unlike[x * cell + j] * unlike[x * cell + j]
-            gg[x] += a
-            ge[x] += b
-            sum_g[x] += c
-            sum_e[x] += d
-            ee[x] += f
-            n[x] += h
-            s[x] += p
-            ss[x] += q
-            dd[x] += r
-
-    @nb.njit(nogil=True, cache=True, fastmath=True)
-    def kernel(
-        first: int,
-        last: int,
-        left: Image,
-        right: Image,
-        disparity: Grid,
-        scale: np.float32,
-        out: NDArray[np.float32],
-    ) -> None:
-        columns = disparity.shape[1]
-        width = columns * cell
-        line, row = np.empty(columns + 2, np.float32), np.empty(width, np.float32)
-        at, share = np.empty(width, np.int32), np.empty(width, np.float32)
-        packed, taps = np.zeros(width, np.uint32), np.zeros(width, np.uint32)
-        value, slope = np.empty(width, np.float32), np.empty(width, np.float32)
-        g, e = np.zeros(width, np.float32), np.zeros(width, np.float32)
-        seen, mid = np.zeros(width, np.float32), np.zeros(width, np.float32)
-        unlike = np.zeros(width, np.float32)
-        for i in range(first, last):
-            out[:, i] = 0.0
-            for y in range(i * cell, (i + 1) * cell):
-                spread_row(y, disparity, scale, cell, line, row)
-                _place(row, at, share, seen)
-                _pack(right[y], packed)
-                _take(packed, at, taps)
-                _spline(taps, share, value, slope, seen)
-                _compare(left[y], value, slope, seen, g, e, mid, unlike)
-                add(g, e, seen, mid, unlike, out, i)
-
-    return kernel
+@nb.njit(nogil=True, cache=True, fastmath=True, inline="always")
+def _add(
+    g: Grid, e: Grid, seen: Grid, mid: Grid, unlike: Grid, out: NDArray[np.float32], cell: int
+) -> None:
+    """Add a row of pixels to its row of cells, out (9, columns)."""
+    gg, ge, sum_g, sum_e, ee = out[0], out[1], out[2], out[3], out[4]
+    n, s, ss, dd = out[5], out[6], out[7], out[8]
+    for x in range(gg.size):
+        a = b = c = d = f = h = p = q = r = np.float32(0.0)
+        for j in range(cell):
+            at = x * cell + j
+            a += g[at] * g[at]
+            b += g[at] * e[at]
+            c += g[at]
+            d += e[at]
+            f += e[at] * e[at]
+            h += seen[at]
+            p += mid[at]
+            q += mid[at] * mid[at]
+            r += unlike[at] * unlike[at]
+        gg[x] += a
+        ge[x] += b
+        sum_g[x] += c
+        sum_e[x] += d
+        ee[x] += f
+        n[x] += h
+        s[x] += p
+        ss[x] += q
+        dd[x] += r
 
 
-_kernels = {cell: _kernel_of(cell) for cell in (1, 2, 4)}
+# With the cell's size in the code, the loop over its pixels unrolls.
+
+
+@nb.njit(nogil=True, cache=True, fastmath=True)
+def _add_one(g: Grid, e: Grid, seen: Grid, mid: Grid, unlike: Grid, out: Grid) -> None:
+    _add(g, e, seen, mid, unlike, out, 1)
+
+
+@nb.njit(nogil=True, cache=True, fastmath=True)
+def _add_two(g: Grid, e: Grid, seen: Grid, mid: Grid, unlike: Grid, out: Grid) -> None:
+    _add(g, e, seen, mid, unlike, out, 2)
+
+
+@nb.njit(nogil=True, cache=True, fastmath=True)
+def _add_four(g: Grid, e: Grid, seen: Grid, mid: Grid, unlike: Grid, out: Grid) -> None:
+    _add(g, e, seen, mid, unlike, out, 4)
+
+
+@nb.njit(nogil=True, cache=True)
+def _sum_cells(
+    first: int,
+    last: int,
+    left: Image,
+    right: Image,
+    disparity: Grid,
+    cell: int,
+    scale: np.float32,
+    out: NDArray[np.float32],
+) -> None:
+    columns = disparity.shape[1]
+    width = columns * cell
+    line, row = np.empty(columns + 2, np.float32), np.empty(width, np.float32)
+    at, share = np.empty(width, np.int32), np.empty(width, np.float32)
+    packed, taps = np.zeros(width, np.uint32), np.zeros(width, np.uint32)
+    value, slope = np.empty(width, np.float32), np.empty(width, np.float32)
+    g, e = np.zeros(width, np.float32), np.zeros(width, np.float32)
+    seen, mid = np.zeros(width, np.float32), np.zeros(width, np.float32)
+    unlike = np.zeros(width, np.float32)
+    for i in range(first, last):
+        cells = out[:, i]
+        cells[:] = np.float32(0.0)
+        for y in range(i * cell, (i + 1) * cell):
+            spread_row(y, disparity, scale, cell, line, row)
+            _place(row, at, share, seen)
+            _pack(right[y], packed)
+            _take(packed, at, taps)
+            _spline(taps, share, value, slope, seen)
+            _compare(left[y], value, slope, seen, g, e, mid, unlike)
+            if cell == 4:
+                _add_four(g, e, seen, mid, unlike, cells)
+            elif cell == 2:
+                _add_two(g, e, seen, mid, unlike, cells)
+            else:
+                _add_one(g, e, seen, mid, unlike, cells)

@@ -1,11 +1,11 @@
-"""Running a compiled kernel over strips of rows in a few threads."""
+"""Sharing work out to a few threads: strips of rows for a compiled kernel, or several filters."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,10 @@ def _processors() -> int:
 _THREADS = min(4, _processors())
 _STRIPS = 4  # per thread, so that a thread that was held up does not hold up all
 _LEAST_ROWS = 16
+
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
 
 
 @cache
@@ -41,3 +45,8 @@ def in_strips(kernel: Callable[..., None], rows: int, *arguments: Any) -> None:
         return
     for done in [_pool().submit(kernel, *edge, *arguments) for edge in pairwise(edges)]:
         done.result()
+
+
+def together(function: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
+    """Return the function's results for items, in order; it must release Python's lock to gain."""
+    return list(_pool().map(function, items))

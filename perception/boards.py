@@ -211,7 +211,9 @@ def _chessboard(
     flags = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE
     found, corners = cv2.findChessboardCorners(image, size, flags=flags)
     if not found:  # slower, and sees through more blur and noise
-        found, corners = cv2.findChessboardCornersSB(image, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+        found, corners = cv2.findChessboardCornersSB(
+            image, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE
+        )
     if not found:
         return None, ids
     grid = np.asarray(corners, dtype=float).reshape(board.rows, board.columns, 2)

@@ -32,6 +32,7 @@ _MATCH_ERROR = 3.0  # pixels
 _GROSS = 0.02  # tangent; matches farther from their row than this say nothing of a small turn
 _MOST_FEATURES = 600
 _WINDOW = 21
+_FINER = 3  # matches are refined in images so much larger than those they are found in
 
 _log = logging.getLogger(__name__)
 
@@ -129,7 +130,7 @@ def _matches(
     p, q = (views[k].features.points[pairs[:, k]] for k in (0, 1))
     if len(p) == 0:
         return p, q
-    factor = max(1, views[0].factor // 2)
+    factor = max(1, views[0].factor // _FINER)
     size = (left.shape[1] // factor, left.shape[0] // factor)
     finer = [
         cv2.resize(

@@ -80,6 +80,7 @@ def match(
     highest: int,
     *,
     noise: ImageNoise | None = None,
+    check: bool = True,
 ) -> Disparity:
     """Return the disparity of every pixel of the left image.
 
@@ -87,13 +88,15 @@ def match(
         left, right: (h, w) uint8 grey, rectified; 0 where a camera does not see.
         lowest, highest: range of the search, pixels, negative to positive.
         noise: of both images; None takes that of the Glasgow head's cameras.
+        check: False calls the whole surface valid, also what misfits the images: for comparing
+            with another method on that method's mask.
 
     Raises:
         InputError: shapes differ or are too small, not uint8, or an empty range.
     """
     left, right = _checked(left, right, lowest, highest)
     noise = noise or ImageNoise()
-    return _run(left, right, lowest, highest, noise)
+    return _run(left, right, lowest, highest, noise, check)
 
 
 def _checked(left: Any, right: Any, lowest: float, highest: float) -> tuple[Image, Image]:
@@ -117,7 +120,9 @@ def _checked(left: Any, right: Any, lowest: float, highest: float) -> tuple[Imag
     return left, right
 
 
-def _run(left: Image, right: Image, lowest: int, highest: int, noise: ImageNoise) -> Disparity:
+def _run(
+    left: Image, right: Image, lowest: int, highest: int, noise: ImageNoise, check: bool
+) -> Disparity:
     height, width = left.shape
     scale = scale_for(left.shape)
     below, aside = -height % scale, -width % scale
@@ -127,7 +132,9 @@ def _run(left: Image, right: Image, lowest: int, highest: int, noise: ImageNoise
             for image in (left, right)
         )
     surface = fit_surface(left, right, lowest, highest, noise.gain, noise.read)
-    good = believable(surface, lowest, highest)
+    good = np.ones(surface.disparity.shape, dtype=bool)
+    if check:
+        good = believable(surface, lowest, highest)
     disparity, valid = spread_cells(surface.disparity, good, surface.cell, (height, width))
     sigma = spread(surface)
     for array in (disparity, valid, sigma):

