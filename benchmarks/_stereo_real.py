@@ -14,25 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.benchmarks._data import data_folder
-from unwrinkle.models.errors import InputError
-from unwrinkle.perception.boards import Board, BoardView, find_board, load_grey
-from unwrinkle.perception.calibration import PairView, calibrate_stereo
+from unwrinkle.benchmarks.calibration import chessboards
+from unwrinkle.perception.boards import load_grey
 from unwrinkle.perception.stereo_matching import match
 
 _HIGHEST = 79
-_BOARD = Board(columns=9, rows=6, square=0.025)
-_OWNERS_FOCAL = 518.05  # both cameras, intrinsics.yml
 
 
 def figures() -> dict[str, Any]:
     """Figures of both; {} where the data is not at hand."""
-    try:
-        return {
-            "motorcycle": motorcycle(data_folder("stereo_motorcycle")),
-            "chessboards": chessboards(data_folder("stereo_chessboard")),
-        }
-    except InputError:
+    boards = chessboards()
+    if boards is None:
         return {}
+    return {"motorcycle": motorcycle(data_folder("stereo_motorcycle")), "chessboards": boards}
 
 
 def motorcycle(folder: Path) -> list[dict[str, Any]]:
@@ -76,25 +70,3 @@ def motorcycle(folder: Path) -> list[dict[str, Any]]:
         row("ours, where both answer", ours.disparity, both),
         row("ours, where it answers", ours.disparity, known & ours.valid),
     ]
-
-
-def chessboards(folder: Path) -> dict[str, Any]:
-    """Calibrate the rig from its eight pairs."""
-    pairs = []
-    for path in sorted(folder.glob("left*.jpg")):
-        views = [find_board(load_grey(p), _BOARD, name=p.name) for p in (path, _partner(path))]
-        left, right = views
-        if isinstance(left, BoardView) and isinstance(right, BoardView):
-            pairs.append(PairView(path.stem, left, right))
-    found = calibrate_stereo(pairs, _BOARD).calibration
-    focal = [found.left.fx, found.left.fy, found.right.fx, found.right.fy]
-    return {
-        "views": len(found.views),
-        "stereo_rms": found.rms,
-        "row_error": found.row_error,
-        "focal_difference": float(np.max(np.abs(np.array(focal) / _OWNERS_FOCAL - 1.0))),
-    }
-
-
-def _partner(left: Path) -> Path:
-    return left.with_name(left.name.replace("left", "right"))

@@ -62,7 +62,7 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
     """Measure. Angles in radians, lengths in metres, pixels where the name says so."""
     heads = 3 if quick else 10
     results: dict[str, Any] = {"corner_noise_px": _CORNER_NOISE, "repeatability": REPEATABILITY}
-    results["real"] = _real()
+    results["real"] = chessboards()
     results["synthetic"] = [
         _synthetic(seed + number, repeatability, progress, done)
         for done, (number, repeatability) in enumerate(
@@ -83,7 +83,7 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
     return results
 
 
-def _real() -> dict[str, Any] | None:
+def chessboards() -> dict[str, Any] | None:
     """The chessboards of others, by the command's own way; None where they are not here."""
     try:
         folder = data_folder(_REAL)

@@ -204,19 +204,33 @@ def _judged(scene: Scene) -> dict[str, Any]:
         "name": scene.name,
         "distance": scene.distance,
         **_errors(scene, found, found.disparity),
-        "map": _map_errors(scene, range_map, np.asarray(range_map.height, dtype=float)),
-        "spline": _map_errors(scene, range_map, np.asarray(analysis.surface_height, dtype=float)),
+        "map": _map_errors(scene, range_map),
+        "spline": _spline_errors(scene, analysis),
         "wrinkles": _wrinkle_errors(scene, analysis),
     }
 
 
-def _map_errors(
-    scene: Scene, range_map: RangeMap, heights: NDArray[np.float64]
+def _map_errors(scene: Scene, range_map: RangeMap) -> dict[str, float]:
+    world = range_map.world_from_cell(_columns_and_rows(range_map.shape))
+    return _against_truth(scene, world, np.asarray(range_map.height, float), range_map.valid)
+
+
+def _spline_errors(scene: Scene, analysis: Analysis) -> dict[str, float]:
+    surface = analysis.surface
+    world = surface.world(_columns_and_rows(surface.z.shape))
+    return _against_truth(scene, world, np.asarray(surface.z, float), surface.inside)
+
+
+def _columns_and_rows(shape: tuple[int, ...]) -> NDArray[np.float64]:
+    rows, columns = np.indices(shape)
+    return np.stack([columns, rows], axis=-1).astype(float)
+
+
+def _against_truth(
+    scene: Scene, world: NDArray[np.float64], heights: NDArray[np.float64], valid: NDArray[np.bool_]
 ) -> dict[str, float]:
-    rows, columns = np.indices(range_map.shape)
-    world = range_map.world_from_cell(np.stack([columns, rows], axis=-1).astype(float))
     x, y = world[..., 0], world[..., 1]
-    cloth = (scene.towel.edge_distance(x, y) > _RIM) & range_map.valid
+    cloth = (scene.towel.edge_distance(x, y) > _RIM) & valid
     error = (heights - scene.towel.height(x, y))[cloth]
     return {
         "rms": float(np.sqrt(np.mean(error**2))),

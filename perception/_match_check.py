@@ -70,7 +70,7 @@ def spread(surface: Surface) -> Grid:
     weight varies slowly (the value of its Green's function at the origin).
     """
     weight = np.maximum(gauss(surface.weight, _NEAR), np.float32(1e-6))
-    return np.asarray((64.0 * STIFFNESS * weight) ** -0.25, dtype=np.float32)
+    return np.asarray((64.0 * STIFFNESS[surface.cell] * weight) ** -0.25, dtype=np.float32)
 
 
 def _mean_where(values: Grid, mask: NDArray[np.bool_], sigma: float) -> Grid:

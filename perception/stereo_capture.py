@@ -30,6 +30,7 @@ _RIM = 0.004
 _AROUND = 0.05  # metres of the map around the garment
 _COARSE = 4  # the table is sought in depth reduced by this, down to the width below
 _COARSE_WIDTH = 480
+_NEAR = 1.6  # metres; a table nearer than this is seen with less noise
 _HALF_SEEN = 0.5
 _UNDER = 0.001  # metres under a plane where the table is, if the plane was a garment's
 _LEAST_TABLE = 0.06  # share of the view that the table then has
@@ -141,7 +142,7 @@ def range_map_from_pair(
     Args:
         pair, head, gaze: see `look`.
         table: the working table; None for the Glasgow cell's.
-        profile: noise of the sensor; None for "stereo-head".
+        profile: noise of the sensor; None for that of the distance.
         seed: of the plane's consensus and GrabCut.
 
     Raises:
@@ -149,8 +150,8 @@ def range_map_from_pair(
             where the cell has it, or there is no garment.
     """
     table = table or KnownTable()
-    profile = profile or noise_profile("stereo-head")
     found = look(pair, head, gaze, table=table)
+    profile = profile or _profile(found, table)
     offset = _known_height(found, table, profile, pair.name, seed)
     grid = table.grid(_resolution(found, table, profile, pair.name))
     height, valid = table_heights(found, table, grid, offset=offset)
@@ -199,6 +200,12 @@ def table_heights(
         offset=offset,
         band=(-_DEEPEST, _TALLEST),
     )
+
+
+def _profile(found: StereoLook, table: KnownTable) -> NoiseProfile:
+    """The noise that this distance has."""
+    away = float(np.linalg.norm(np.array([*table.centre, table.height]) - found.X_WC[:3, 3]))
+    return noise_profile("stereo" if away < _NEAR else "stereo-head")
 
 
 def _resolution(found: StereoLook, table: KnownTable, profile: NoiseProfile, name: str) -> float:
