@@ -4,6 +4,7 @@ GrabCut: C. Rother, V. Kolmogorov, A. Blake, SIGGRAPH 2004. Flat single cloth is
 than a depth camera's noise: there only colour can tell it from the table.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +19,7 @@ from unwrinkle.perception.registration import align_colour
 
 Mask = NDArray[np.bool_]
 _WORK_WIDTH = 320
+_WORKERS = 2
 _LEAST_AREA = 0.004
 _LEAST_SAMPLES = 20
 _LARGEST_AREA = 0.92
@@ -196,14 +198,18 @@ def _grab_cut_first(colour: NDArray[np.uint8], core: Mask, mask: Mask, seed: int
     lab = cv2.cvtColor(small, cv2.COLOR_RGB2LAB)
     ratio = _density(lab, inside) / (_density(lab, outside) + 1e-9)
     sure = cv2.erode(inside.astype(np.uint8), _disc(4)) > 0
-    best, best_score = np.zeros(small.shape[:2], dtype=bool), -1.0
-    for start in [_resize(mask, size), *(odds * ratio > 1.0 for odds in _ODDS)]:
+
+    def cut(start: Mask) -> tuple[float, Mask]:
         labels = np.where(start, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
         labels[sure] = cv2.GC_FGD
-        cut = one_piece(_run_grab_cut(small, labels, seed))
-        score = _edge_strength(lab, cut)
-        if score > best_score:
-            best, best_score = cut, score
+        mask = one_piece(_run_grab_cut(small, labels, seed))
+        return _edge_strength(lab, mask), mask
+
+    starts = [_resize(mask, size), *(odds * ratio > 1.0 for odds in _ODDS)]
+    with ThreadPoolExecutor(_WORKERS) as pool:  # OpenCV's random numbers are each thread's own
+        score, best = max(pool.map(cut, starts), key=lambda scored: scored[0])
+    if score <= -1.0:
+        best = np.zeros(small.shape[:2], dtype=bool)
     return _resize(best, (colour.shape[1], colour.shape[0]))
 
 

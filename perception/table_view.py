@@ -18,6 +18,7 @@ _COARSE = 0.002  # metres; the garment is sought on cells of about this size
 _HALF_SEEN = 0.5
 _AWAY = 0.012  # metres from the garment that the table's level is taken at
 _CLIP = 3.0
+_SAMPLES = 60_000
 _LEAST_TABLE = 0.03  # share of the cells
 
 
@@ -82,15 +83,15 @@ class TableView:
             InputError: too little of the table is bare to know its level.
         """
         radius = round(_AWAY / self.grid.resolution)
-        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1,) * 2)
-        away = np.asarray(cv2.dilate(garment.astype(np.uint8), disc)) == 0
+        square = np.ones((2 * radius + 1,) * 2, np.uint8)
+        away = np.asarray(cv2.dilate(garment.astype(np.uint8), square)) == 0
         rows, columns = np.nonzero(self.valid & away)
         if rows.size < _LEAST_TABLE * garment.size:
             raise InputError(
                 f"{self.name}: only {rows.size / garment.size:.1%} of the table is bare and seen, "
                 f"at least {_LEAST_TABLE:.0%} are needed to know its level; move the garment"
             )
-        step = max(1, rows.size // 200_000)
+        step = max(1, rows.size // _SAMPLES)
         rows, columns = rows[::step], columns[::step]
         terms = np.column_stack([columns, rows, np.ones(rows.size)]).astype(float)
         z = self.height[rows, columns]
