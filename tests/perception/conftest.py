@@ -1,6 +1,5 @@
 """A towel on the table as both eyes of the head see it, traced ray by ray: no renderer needed."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -85,9 +84,3 @@ def seen_towel() -> SeenTowel:
         noisy = image + 2.0 * rng.standard_normal(image.shape[:2])[..., None]
         images.append(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
     return SeenTowel(StereoPair(images[0], images[1], "pair"), head, gaze, towel)
-
-
-@pytest.fixture(scope="session")
-def trace_towel() -> Callable[..., NDArray[np.uint8]]:
-    """`traced`, for tests that need another view."""
-    return traced
