@@ -215,8 +215,10 @@ def _head() -> str:
             shift = max(eye["shift"] for eye in row["eyes"])
             rows.append(
                 (
-                    "camera on its unit, calibrated from nothing in the rendered cell; units repeat "
-                    f"to {row['repeatability']:g} steps",
+                    (
+                        "camera on its unit, calibrated from nothing in the rendered cell; units repeat "
+                        f"to {row['repeatability']:g} steps"
+                    ),
                     "5 mdeg, 0.2 mm",
                     f"{1e3 * math.degrees(turn):.1f} mdeg, {1e3 * shift:.2f} mm",
                 )
@@ -234,8 +236,10 @@ def _head() -> str:
             (
                 f"gaze from {gaze['starts']} random starts: within 20 mdeg; looks; worst error",
                 "all; 3; 20 mdeg",
-                f"{gaze['starts_converged']}; {gaze['looks_max']}; "
-                f"{1e3 * math.degrees(gaze['error_max']):.1f} mdeg",
+                (
+                    f"{gaze['starts_converged']}; {gaze['looks_max']}; "
+                    f"{1e3 * math.degrees(gaze['error_max']):.1f} mdeg"
+                ),
             )
         )
         rows.append(
