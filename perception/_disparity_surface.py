@@ -26,7 +26,7 @@ _FIRST_WINDOWS = (6.0, 6.0)  # pixels of the full image, Gaussian
 _WINDOWS = (4.8,)
 # By a cell's pixels: cells^2 / pixel^2, and steps of the solver in each fit. Weak texture needs many
 # steps at the end: with 15 in each fit plain cloth keeps a fifth more error, and no time is saved.
-STIFFNESS = {1: 100.0, 2: 200.0, 4: 200.0}
+STIFFNESS = {1: 100.0, 2: 50.0, 4: 200.0}
 _ITERATIONS = {1: (15,) * 4, 2: (10, 10, 10, 40), 4: (10, 10, 10, 40)}
 _CREASES = (0.3, 0.2, 0.12)  # pixels per cell^2, of one fit after the other
 # Stiffness per mean weight of the fit before the finest (of a first guess, of windowed steps), and

@@ -13,6 +13,7 @@ from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.epipolar import EpipolarCheck, corrected_rectification
 from unwrinkle.perception.head import Eye, Gaze, StereoHead
 from unwrinkle.perception.height_map import Grid
+from unwrinkle.perception.islands import without_islands
 from unwrinkle.perception.noise import NoiseProfile, noise_profile
 from unwrinkle.perception.pose import Pose, inverse, transformed
 from unwrinkle.perception.range_map import RangeMap
@@ -121,7 +122,7 @@ def look(
     rectification, check = corrected_rectification(left, right, rectification, pair.name)
     left, right = rectification.apply(left, right)
     lowest, highest = rectification.disparity_range(box_L)
-    disparity = match(left, right, lowest, highest)
+    disparity = without_islands(match(left, right, lowest, highest))
     return StereoLook(rectification, X_WL @ rectification.X_LC, disparity, check)
 
 
