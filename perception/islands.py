@@ -19,18 +19,20 @@ def without_islands(disparity: Disparity) -> Disparity:
     A garment joins the table it lies on, and the table is most of the view. A patch of less than 1 %
     of what was matched, apart from all else by a step of the disparity, is neither.
     """
-    height, width = disparity.valid.shape
-    step = max(1, round(width / _WIDTH))
+    step = max(1, round(disparity.valid.shape[1] / _WIDTH))
     valid = disparity.valid[::step, ::step]
     scaled = np.rint(_SIXTEENTHS * disparity.disparity[::step, ::step])
     nothing = -32768
     labelled = np.where(valid, np.clip(scaled, nothing + 1, 32767), nothing).astype(np.int16)
     least = int(_SHARE * np.count_nonzero(valid))
     cv2.filterSpeckles(labelled, nothing, least, _SIXTEENTHS * _SLOPE * step)
-    kept = (labelled != nothing) | ~valid  # thinned pixels that were not valid tell nothing
-    whole = kept.repeat(step, axis=0).repeat(step, axis=1)[:height, :width]
-    valid = disparity.valid & whole
-    values = np.where(valid, disparity.disparity, np.float32(0.0))
-    for array in (values, valid):
+    dropped = valid & (labelled == nothing)
+    if not dropped.any():
+        return disparity
+    values, whole = disparity.disparity.copy(), disparity.valid.copy()
+    for i, j in np.argwhere(dropped) * step:  # few: islands are small
+        values[i : i + step, j : j + step] = 0.0
+        whole[i : i + step, j : j + step] = False
+    for array in (values, whole):
         array.setflags(write=False)
-    return dataclasses.replace(disparity, disparity=values, valid=valid)
+    return dataclasses.replace(disparity, disparity=values, valid=whole)
