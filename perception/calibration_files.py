@@ -22,6 +22,7 @@ from unwrinkle.perception.pose import Pose, PoseRecord
 IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 _SIDE = re.compile(r"left|right", re.IGNORECASE)
 _WORKERS = 2
+_NAMELESS = "pair"  # left.png and right.png, with nothing else in their names
 
 Told = Callable[[int, int, str], None]
 
@@ -127,7 +128,7 @@ def find_pairs(paths: Sequence[Path]) -> list[ImagePair]:
             raise InputError(
                 f"{file}: cannot tell which eye it is of; name pairs like left01.png, right01.png"
             )
-        key = _SIDE.sub("", file.stem).strip("_- .") or file.stem
+        key = _SIDE.sub("", file.stem).strip("_- .") or _NAMELESS
         side = found[0].lower()
         other = sides.setdefault(key, {}).setdefault(side, file)
         if other != file:

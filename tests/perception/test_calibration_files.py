@@ -191,3 +191,9 @@ def test_a_mounted_camera_comes_back_whole(tmp_path: Path) -> None:
     saved = MountedCamera("2030-01-02", CAMERA, HERE, 0.1, 12, ["g3.png: dark"])
     save_record(tmp_path / "gripper.yaml", saved)
     assert load_yaml(tmp_path / "gripper.yaml", MountedCamera) == saved
+
+
+def test_left_and_right_alone_are_a_pair(tmp_path: Path) -> None:
+    """Regression: such a pair was said to have no right image, with right.png beside it."""
+    (pair,) = find_pairs(_touch(tmp_path, "left.png", "right.png"))
+    assert (pair.left.name, pair.right.name) == ("left.png", "right.png")
