@@ -8,6 +8,11 @@ import yaml
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.loader_yaml import load_yaml, models_dir
 
+STATION_FORMS = ("sim",)
+SENSOR_KINDS = ("stereo", "depth")
+OUTLINES = ("towel", "dishcloth", "tshirt", "trousers")
+STARTS = ("bunched", "ridge", "pinched", "dropped", "flat")
+
 
 @dc.dataclass
 class WorkingTable:
@@ -43,6 +48,66 @@ class Clearances:
 
 
 @dc.dataclass
+class SensorSettings:
+    """What looks at the garment in the closed loop."""
+
+    # stereo (the head) or depth (the depth camera).
+    kind: str = "stereo"
+    # Size of the head's pictures: 1 (16 megapixels), 0.5, 0.25 or 0.125.
+    scale: float = 0.5
+    # The depth camera: model (see simulation), and its pose in the world: place in m, the image's top away from the robot.
+    depth_camera: str = "xtion"
+    depth_camera_place: list[float] = dc.field(default_factory=lambda: [0.0, -1.10, 1.80])
+
+
+@dc.dataclass
+class LoopSettings:
+    """How the closed loop judges and when it stops."""
+
+    # Most actions.
+    actions: int = 10
+    # any (two arms if possible), dual or single.
+    arms: str = "any"
+    # Reading of Eq. 5: foot or paper.
+    mode: str = "foot"
+    # A wrinkle higher than this is pulled even if its pull is below the sensor's halting pull; m. The sensor's own noise
+    # bounds it from below.
+    halting_height: float = 0.004
+    # An action that takes away less than this share of the largest wrinkle's score has changed nothing.
+    least_gain: float = 0.10
+    # Attempts at a grasp that missed, before the next wrinkle.
+    grasp_attempts: int = 2
+
+
+@dc.dataclass
+class SimulatedGarment:
+    """What lies on the simulated table."""
+
+    # towel, dishcloth, tshirt or trousers.
+    outline: str = "towel"
+    # A file of models/cloths, by name.
+    material: str = "terry"
+    # terry, print or plain.
+    texture: str = "terry"
+    # bunched, ridge, pinched, dropped or flat.
+    start: str = "bunched"
+    # Nodes along the longer side.
+    nodes: int = 80
+
+
+@dc.dataclass
+class StationSettings:
+    """The station and, where it is simulated, its clocks in s."""
+
+    # sim.
+    form: str = "sim"
+    plant_step: float = 0.004
+    cloth_step: float = 0.020
+    feedback_period: float = 0.025
+    garment: SimulatedGarment = dc.field(default_factory=SimulatedGarment)
+
+
+@dc.dataclass
 class Scenario:
     """One robot in one cell; see clopema.scenario.yaml for the meaning of every key."""
 
@@ -57,6 +122,9 @@ class Scenario:
     gaze: list[float] = dc.field(default_factory=lambda: [0.0, -0.19])
     gripper: GripperSettings = dc.field(default_factory=GripperSettings)
     clearance: Clearances = dc.field(default_factory=Clearances)
+    station: StationSettings = dc.field(default_factory=StationSettings)
+    sensor: SensorSettings = dc.field(default_factory=SensorSettings)
+    loop: LoopSettings = dc.field(default_factory=LoopSettings)
 
     def validate(self) -> None:
         """Refuse values that no cell can have."""
@@ -71,6 +139,50 @@ class Scenario:
             raise InputError("scenario: clearances must not be negative")
         if len(self.table.size) != 2 or min(self.table.size) <= 0.0:
             raise InputError("scenario: table size needs two positive lengths (x, y)")
+        self._validate_loop()
+
+    def _validate_loop(self) -> None:
+        choices = (
+            ("station form", self.station.form, STATION_FORMS),
+            ("sensor kind", self.sensor.kind, SENSOR_KINDS),
+            ("loop arms", self.loop.arms, ("any", "dual", "single")),
+            ("loop mode", self.loop.mode, ("foot", "paper")),
+            ("garment outline", self.station.garment.outline, OUTLINES),
+            ("garment start", self.station.garment.start, STARTS),
+        )
+        for what, value, known in choices:
+            if value not in known:
+                raise InputError(
+                    f"scenario: {what} '{value}' is unknown; known: {', '.join(known)}"
+                )
+        positive = (
+            ("station plant_step", self.station.plant_step, 0.01),
+            ("station cloth_step", self.station.cloth_step, 0.1),
+            ("station feedback_period", self.station.feedback_period, 1.0),
+            ("loop halting_height", self.loop.halting_height, 1.0),
+        )
+        for what, number, most in positive:
+            if not 0.0 < number <= most:
+                raise InputError(
+                    f"scenario: {what} is {number:g}; give more than 0, up to {most:g}"
+                )
+        if self.sensor.scale not in (1.0, 0.5, 0.25, 0.125):
+            raise InputError(
+                f"scenario: sensor scale is {self.sensor.scale:g}; give 1, 0.5, 0.25 or 0.125"
+            )
+        if not 0 <= self.loop.actions <= 1000 or self.loop.grasp_attempts < 1:
+            raise InputError(
+                "scenario: loop actions must be 0 to 1000 and grasp_attempts at least 1, got "
+                f"{self.loop.actions} and {self.loop.grasp_attempts}"
+            )
+        if not 0.0 <= self.loop.least_gain < 1.0:
+            raise InputError(f"scenario: loop least_gain is {self.loop.least_gain:g}; give 0 to 1")
+        if not 20 <= self.station.garment.nodes <= 200:
+            raise InputError(
+                f"scenario: garment nodes is {self.station.garment.nodes}; give 20 to 200"
+            )
+        if len(self.sensor.depth_camera_place) != 3:
+            raise InputError("scenario: depth_camera_place needs x, y, z in m")
 
 
 def load_scenario(path: str | Path | None = None, name: str | None = None) -> Scenario:
