@@ -74,7 +74,7 @@ def verify(plan: FlatteningPlan, cell: Cell, *, start: ArrayLike | None = None) 
         check_grippers(plan, slower, found)
         motion = legs(plan, cell.scenario.gripper.opening)
         check_limits(motion, slower.limits, cell.robot.axes, found)
-        model = _model(cell)
+        model = cell_model(cell)
         frames = [model.frames(leg.positions) for leg in motion]
         check_hands(plan, slower, model, motion, frames, found)
         taking_part = (plan.arms[0] is not None, plan.arms[1] is not None)
@@ -94,7 +94,8 @@ def verify(plan: FlatteningPlan, cell: Cell, *, start: ArrayLike | None = None) 
     return verdict
 
 
-def _model(cell: Cell) -> CellModel:
+def cell_model(cell: Cell) -> CellModel:
+    """The verification's model of a cell, built once per cell."""
     if cell not in _models:
         _models[cell] = CellModel(cell)
     return _models[cell]
