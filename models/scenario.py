@@ -1,6 +1,7 @@
 """The scenario: which robot, which cell, which limits; read from one typed YAML file."""
 
 import dataclasses as dc
+from math import isfinite
 from pathlib import Path
 
 import yaml
@@ -181,8 +182,32 @@ class Scenario:
             raise InputError(
                 f"scenario: garment nodes is {self.station.garment.nodes}; give 20 to 200"
             )
-        if len(self.sensor.depth_camera_place) != 3:
+        place = self.sensor.depth_camera_place
+        if len(place) != 3 or not all(isfinite(value) for value in place):
             raise InputError("scenario: depth_camera_place needs x, y, z in m")
+
+
+#: The depth camera as a body of the cell.
+DEPTH_CAMERA = "package://unwrinkle_models/depth_camera.dmd.yaml"
+
+
+def with_sensor(scenario: Scenario, kind: str) -> Scenario:
+    """The scenario with the garment seen by another sensor; a depth camera becomes part of the cell.
+
+    Args:
+        scenario: any.
+        kind: stereo or depth.
+
+    Raises:
+        InputError: the kind is unknown.
+    """
+    directives = [uri for uri in scenario.directives if uri != DEPTH_CAMERA]
+    if kind == "depth":
+        directives.append(DEPTH_CAMERA)
+    sensor = dc.replace(scenario.sensor, kind=kind)
+    changed = dc.replace(scenario, directives=directives, sensor=sensor)
+    changed.validate()
+    return changed
 
 
 def load_scenario(path: str | Path | None = None, name: str | None = None) -> Scenario:
