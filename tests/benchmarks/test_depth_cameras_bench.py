@@ -1,0 +1,130 @@
+"""The page on depth cameras says what was measured, and the committed figures meet the real ones."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from unwrinkle.benchmarks import depth_cameras
+from unwrinkle.benchmarks._depth_camera_noise import levels_of, noise_figures, step_of
+from unwrinkle.benchmarks._depth_camera_scenes import edge_figures, restored, stored
+from unwrinkle.perception.camera import load_camera
+from unwrinkle.perception.depth_file import Capture
+from unwrinkle.simulation.depth_cameras import load_depth_camera
+
+Results = dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def report(repository: Path) -> dict[str, Any]:
+    path = repository / "docs/results/depth_cameras.json"
+    loaded: dict[str, Any] = json.loads(path.read_text())
+    return loaded
+
+
+def test_the_page_shows_the_figures_it_is_given(report: dict[str, Any]) -> None:
+    results: Results = json.loads(json.dumps(report["results"]))
+    results["real"]["step"] = 0.0031415
+    results["leaf"]["tof"]["edge"]["flying"] = 0.777
+    row = results["wrinkles"][0]
+    row["found"] = False
+    for key in ("beside", "turn", "length", "width", "chord_height"):
+        row.pop(key, None)
+    page = depth_cameras.table(results)
+    assert "3.142 mm at 1 m" in page
+    assert "77.7" in page
+    assert f"| {row['seed']} | no | - | - | - | - | - |" in page
+    for item in (*results["real"]["maps"], *results["simulated"]):
+        assert f"| {item['name']} |" in page
+
+
+def test_without_real_maps_there_is_a_page_and_a_plot(
+    report: dict[str, Any], tmp_path: Path
+) -> None:
+    results = {**report["results"], "real": {"maps": []}}
+    assert "not at hand" in depth_cameras.table(results)
+    depth_cameras.plot(results, tmp_path / "plot.png")
+    picture = cv2.imread(str(tmp_path / "plot.png"))
+    assert picture is not None
+    assert picture.shape[1] > 1000
+    assert picture.std() > 20.0
+
+
+def test_the_committed_run_was_whole_and_agrees_with_real_maps(report: dict[str, Any]) -> None:
+    results = report["results"]
+    assert report["quick"] is False
+    real, simulated = results["real"]["maps"], results["simulated"]
+    assert len(real) == 17
+    assert results["simulated_step"] == pytest.approx(results["real"]["step"], rel=0.005)
+
+    def middle(rows: list[Results], key: str) -> float:
+        return float(np.median([row[key] for row in rows]))
+
+    for key, share in (("table_rms", 0.15), ("rest_rms", 0.1), ("column_rms", 0.35)):
+        assert middle(simulated, key) == pytest.approx(middle(real, key), rel=share)
+    for lag in range(6):
+        alike = [np.median([r["along_rows"][lag] for r in rows]) for rows in (real, simulated)]
+        assert alike[1] == pytest.approx(alike[0], abs=0.15)
+    assert results["largest_found"]["xtion"] == 1.0
+    leaf = results["leaf"]
+    assert leaf["xtion"]["edge"]["flying"] < 0.01
+    assert leaf["tof"]["edge"]["flying"] > 0.05
+    assert leaf["xtion"]["edge"]["shadow"][1] == 0
+    law = leaf["xtion"]["edge"]["shadow_law"]
+    assert leaf["xtion"]["edge"]["shadow"][0] == pytest.approx(law, abs=3.0)
+    assert leaf["xtion_close"]["holes"] == 1.0
+    assert leaf["tof_close"]["holes"] < 0.01
+    garment = results["garment"]
+    assert garment["xtion"]["garment_holes"] > 5.0 * garment["tof"]["garment_holes"]
+
+
+def test_the_step_of_known_levels() -> None:
+    depth = np.rint(1e3 / (0.0029 * np.arange(280, 390))) * 1e-3
+    levels = levels_of(np.concatenate([depth, depth]))
+    assert levels.min() > 0.9
+    assert levels.max() < 1.2
+    step, rest = step_of(levels, 0.00285)
+    assert step == pytest.approx(0.0029, rel=1e-3)
+    assert rest < 0.0004
+
+
+def test_figures_of_known_noise() -> None:
+    """Columns of 0.5 steps and white noise of 0.8, on a table with a box on it."""
+    camera, step = load_camera("xtion-pro-live"), 0.0029
+    rng = np.random.default_rng(1)
+    columns = 0.5 * np.sign(np.sin(np.arange(640) / 20.0))
+    steps = 1.0 / step + columns + 0.8 * rng.standard_normal((480, 640))
+    depth = 1.0 / (step * steps)
+    depth[180:300, 250:390] -= 0.05
+    depth[:, :8] = 0.0
+    figures = noise_figures(Capture(depth.astype(np.float32), camera), step)
+    assert figures["distance"] == pytest.approx(1.0, abs=0.002)
+    assert figures["column_rms"] == pytest.approx(0.5, abs=0.08)
+    assert figures["rest_rms"] == pytest.approx(0.8, abs=0.05)
+    assert abs(figures["along_rows"][0]) < 0.05
+    assert figures["holes"] == pytest.approx(8 / 640, abs=1e-6)
+    assert figures["columns"][0] is None
+    assert figures["columns"][100] == pytest.approx(columns[100], abs=0.2)
+
+
+def test_edge_figures_count_what_flies_and_what_lacks() -> None:
+    model = load_depth_camera("tof")
+    truth = np.zeros((200, 200))
+    truth[60:140, 60:140] = 0.25
+    reading = truth.copy()
+    reading[60:140, 60] = 0.12
+    reading[100, 50:60] = np.nan
+    found = edge_figures(truth, reading, model, 1.1)
+    assert found["flying_count"] == 80
+    assert found["shadow"] == [10, 0]
+    assert found["shadow_law"] == 0.0
+
+
+def test_pictures_survive_as_text() -> None:
+    height = np.array([[0.0, -0.7], [0.2501, np.nan]])
+    back = restored(stored(height))
+    assert np.isnan(back[1, 1])
+    assert np.nanmax(np.abs(back - height)) < 6e-5
