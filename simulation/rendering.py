@@ -23,6 +23,7 @@ from pydrake.geometry import (
     FrameId,
     FramePoseVector,
     GeometryFrame,
+    GeometryId,
     GeometryInstance,
     InMemoryMesh,
     LightParameter,
@@ -145,9 +146,10 @@ class Renderer:
         if cell is not None:
             add_cell(cell, plant, builder.parser())
         plant.Finalize()
-        source = scene_graph.RegisterSource("items")
+        source = self._source = scene_graph.RegisterSource("items")
         self._frames: dict[str, FrameId] = {}
         self._poses: dict[str, RigidTransform] = {}
+        self._shapes: dict[str, GeometryId] = {}
         centre, size = np.array(_TABLE_CENTRE), _TABLE_SIZE
         if cell is not None:
             _hide_table(cell, plant, scene_graph)
@@ -157,7 +159,8 @@ class Renderer:
             if item.name in self._frames:
                 raise InputError(f"scene: two items are called {item.name!r}; name them apart")
             frame = scene_graph.RegisterFrame(source, GeometryFrame(item.name))
-            scene_graph.RegisterGeometry(source, frame, _geometry(item, RigidTransform()))
+            shape = _geometry(item, RigidTransform())
+            self._shapes[item.name] = scene_graph.RegisterGeometry(source, frame, shape)
             self._frames[item.name] = frame
             self._poses[item.name] = _transform(item.X_WM)
         port = scene_graph.get_source_pose_port(source)
@@ -200,6 +203,18 @@ class Renderer:
             raise InputError(f"scene: no item {name!r}; it has {', '.join(self._poses) or 'none'}")
         self._poses[name] = _transform(X_WM)
         self._fix_poses()
+
+    def reshape(self, name: str, mesh: TexturedMesh) -> None:
+        """Give the item of that name another mesh, with its texture and pose, as of cloth that moved.
+
+        Raises:
+            InputError: there is none.
+        """
+        self.move(name, mesh.X_WM)
+        scene_graph = self._diagram.scene_graph()
+        context = scene_graph.GetMyMutableContextFromRoot(self._context)
+        shape = _geometry(mesh, RigidTransform()).shape()
+        scene_graph.ChangeShape(context, self._source, self._shapes[name], shape)
 
     def colour(self, camera: Camera, X_WC: Pose, *, quality: int = 1) -> NDArray[np.uint8]:
         """Picture (h, w, 3) uint8 RGB; no distortion, blur or noise.

@@ -1,0 +1,193 @@
+"""`unwrinkle bench loop`: whole runs of the closed loop in the simulated cell, as a user would start them."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from unwrinkle.benchmarks._flatten_runs import Run, flatten
+from unwrinkle.benchmarks.report import Progress
+
+_RUNS = Path("out") / "loop"
+_STAGES = ("render", "stereo", "analysis", "planning", "verification", "motion")
+_COMPUTING = ("stereo", "analysis", "planning", "verification")
+_FLAT = 0.005  # no higher than this, by truth, m
+_TOWELS, _SHIRTS = 10, 5
+
+
+def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
+    """Flatten towels and T-shirts from seeds on; whole runs, each in a process of its own.
+
+    A run that was finished with the very same code is not run again: an interrupted board goes on.
+
+    Returns:
+        `towels` and `shirts` (one row per run), `repeated` (the first towel again, same bits?),
+        `stages` (seconds of an action: median and worst) and the headline figures.
+    """
+    small = ("--scale", "0.25") if quick else ()
+    towels = [
+        (f"towel-{k}", ("--seed", str(k), *small))
+        for k in range(seed, seed + (1 if quick else _TOWELS))
+    ]
+    shirts = [
+        (f"tshirt-{k}", ("--garment", "tshirt", "--seed", str(k), *small))
+        for k in range(seed, seed + (0 if quick else _SHIRTS))
+    ]
+    again = (f"towel-{seed}-again", ("--seed", str(seed), *small))
+    wanted = [*towels, again, *shirts]
+    runs: dict[str, Run] = {}
+    for done, (name, options) in enumerate(wanted):
+        progress(done, len(wanted), name)
+        runs[name] = flatten(_RUNS, name, options)
+    progress(len(wanted), len(wanted), "done")
+    flattened = [runs[name] for name, _ in towels]
+    first, repeated = flattened[0], runs[again[0]]
+    rows = [_row(run) for run in flattened]
+    actions = [action for run in flattened for action in run.pulls]
+    return {
+        "towels": rows,
+        "shirts": [_row(runs[name]) for name, _ in shirts],
+        "first": rows[0],
+        "repeated": {
+            "same_bits": first.fingerprint == repeated.fingerprint,
+            "fingerprint": first.fingerprint,
+        },
+        "stages": _stages(actions),
+        "actions_mean": float(np.mean([row["actions"] for row in rows])),
+        "actions_std": float(np.std([row["actions"] for row in rows])),
+        "flat_by_truth": sum(row["height"] <= _FLAT for row in rows),
+        "coverage_least": min(row["coverage"] for row in rows),
+        "dual_share": float(np.mean([len(action["arms"]) == 2 for action in actions])),
+        "unverified_motions": sum(row["unverified"] for row in rows),
+        "following_error_worst": _worst(actions, "following_error"),
+        "grip_distance_error_worst": _worst(actions, "grip_distance_error"),
+        "clearance_short_worst": max(
+            (
+                max(0.0, action["clearance"] - action["clearance_measured"])
+                for action in actions
+                if action["clearance"] is not None and action["clearance_measured"] is not None
+            ),
+            default=0.0,
+        ),
+    }
+
+
+def _row(run: Run) -> dict[str, Any]:
+    truth = run.truth
+    return {
+        "name": run.name,
+        "command": " ".join(["unwrinkle flatten", *run.options]),
+        "status": run.record["status"],
+        "reason": run.record["reason"],
+        "exit_code": run.exit_code,
+        "wall": run.wall,
+        "actions": len(run.pulls),
+        "missed": sum(action["outcome"] == "missed" for action in run.actions),
+        "dual": sum(len(action["arms"]) == 2 for action in run.pulls),
+        "height_before": run.actions[0]["truth_before"]["height"],
+        "coverage_before": run.actions[0]["truth_before"]["coverage"],
+        "height": truth["height"],
+        "coverage": truth["coverage"],
+        "overstretch": max(
+            (action["truth_after"]["overstretch"] for action in run.pulls), default=0.0
+        ),
+        "unverified": run.unverified(),
+        "seconds": [sum(action["seconds"].values()) for action in run.pulls],
+    }
+
+
+def _stages(actions: list[dict[str, Any]]) -> dict[str, dict[str, float]]:
+    """Median and worst seconds of an action, by stage."""
+    columns = {stage: [a["seconds"].get(stage, 0.0) for a in actions] for stage in _STAGES}
+    columns["computing"] = [
+        sum(a["seconds"].get(stage, 0.0) for stage in _COMPUTING) for a in actions
+    ]
+    columns["total"] = [sum(a["seconds"].values()) for a in actions]
+    return {
+        name: {"median": float(np.median(values)), "worst": float(np.max(values))}
+        for name, values in columns.items()
+        if values
+    }
+
+
+def _worst(actions: list[dict[str, Any]], key: str) -> float:
+    return max((a[key] for a in actions if a[key] is not None), default=0.0)
+
+
+def table(results: dict[str, Any]) -> str:
+    """Return the headlines, a row per run, and the seconds of an action by stage."""
+    first, stages = results["first"], results["stages"]
+    count = len(results["towels"])
+    lines = [
+        "Cloth and robot are simulated; every run is a process of its own, from start to its written report.",
+        "",
+        "| what | target | measured |",
+        "|---|---|---|",
+        f"| default run: status, actions | flat, at most 5 | {first['status']}, {first['actions']} |",
+        f"| its largest true height | 5 mm | {1e3 * first['height']:.1f} mm |",
+        f"| its wall clock, installed | 240 s | {first['wall']:.0f} s |",
+        (
+            f"| bunched towels flat by truth | {count} of {count}, or a reason | "
+            f"{results['flat_by_truth']} of {count} |"
+        ),
+        f"| least coverage | 98 % | {100 * results['coverage_least']:.1f} % |",
+        f"| motions without a verdict | 0 | {results['unverified_motions']} |",
+        (
+            f"| actions per towel, mean (std) | | {results['actions_mean']:.1f} "
+            f"({results['actions_std']:.2f}) |"
+        ),
+        f"| dual-arm share of actions | | {100 * results['dual_share']:.1f} % |",
+        f"| perception + planning + verification, worst | 5 s | {stages['computing']['worst']:.1f} s |",
+        (
+            f"| one action, median (worst) | 25 s | {stages['total']['median']:.1f} s "
+            f"({stages['total']['worst']:.1f} s) |"
+        ),
+        (
+            f"| following error after lag, worst | 1 mrad | "
+            f"{1e3 * results['following_error_worst']:.2f} mrad |"
+        ),
+        (
+            f"| gripper distance against plan, worst | 3 mm | "
+            f"{1e3 * results['grip_distance_error_worst']:.2f} mm |"
+        ),
+        (
+            f"| clearance below the verdict's, worst | within the padding | "
+            f"{1e3 * results['clearance_short_worst']:.2f} mm |"
+        ),
+        (
+            f"| two runs of one seed: plans and last state | same bits | "
+            f"{'same bits' if results['repeated']['same_bits'] else 'DIFFERENT'} |"
+        ),
+        "",
+        "Seconds of an action, by stage (a noisy machine: compare medians):",
+        "",
+        "| stage | median | worst |",
+        "|---|---|---|",
+        *(
+            f"| {name} | {values['median']:.2f} | {values['worst']:.2f} |"
+            for name, values in stages.items()
+        ),
+        "",
+        "## Bunched towels",
+        "",
+        *_rows(results["towels"]),
+    ]
+    if results["shirts"]:
+        lines += ["", "## T-shirts, as they are", "", *_rows(results["shirts"])]
+    return "\n".join([*lines, ""])
+
+
+def _rows(rows: list[dict[str, Any]]) -> list[str]:
+    return [
+        "| run | ended | actions (dual, missed) | true height, mm | coverage, % | overstretch, % | wall, s |",
+        "|---|---|---|---|---|---|---|",
+        *(
+            f"| {row['name']} | {row['status']} | {row['actions']} ({row['dual']}, {row['missed']}) "
+            f"| {1e3 * row['height_before']:.1f} to {1e3 * row['height']:.1f} "
+            f"| {100 * row['coverage_before']:.1f} to {100 * row['coverage']:.1f} "
+            f"| {100 * row['overstretch']:.1f} | {row['wall']:.0f} |"
+            for row in rows
+        ),
+        "",
+        *(f"- {row['name']}: {row['reason']}" for row in rows if row["status"] != "flat"),
+    ]

@@ -1,0 +1,214 @@
+"""Values of the simulated cloth: its state, what it lies on, and how it is gripped."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.models.archive import load_archive, save_archive
+from unwrinkle.models.errors import InputError, UnwrinkleError
+
+HANDS = ("right", "left")
+
+
+class ClothError(UnwrinkleError):
+    """The simulated cloth got into a state that cannot be: not finite, torn apart, or a knot."""
+
+
+@dataclass(frozen=True)
+class Support:
+    """The table: cloth beyond its edge falls to the floor at z = 0.
+
+    Attributes:
+        centre: world x, y of its top, m.
+        size: along x and y, m.
+        height: of its top above the floor, m.
+    """
+
+    centre: tuple[float, float]
+    size: tuple[float, float]
+    height: float
+
+    def __post_init__(self) -> None:
+        """Refuse what is no table."""
+        values = np.array([*self.centre, *self.size, self.height], dtype=float)
+        if values.shape != (5,) or not np.isfinite(values).all() or values[2:].min() <= 0.0:
+            raise InputError(
+                f"cloth's support {self}: give centre (x, y), size (x, y) and height in metres, "
+                "the last three above 0"
+            )
+
+
+def checked_pose(X: NDArray[np.floating[Any]], what: str) -> NDArray[np.float64]:
+    """Return the rigid pose `X` (4, 4), read-only.
+
+    Raises:
+        InputError: another shape, not finite, or no rotation.
+    """
+    pose = np.array(X, dtype=float)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all():
+        raise InputError(f"{what}: a pose is (4, 4) and finite, got {pose.shape}")
+    R = pose[:3, :3]
+    fault = max(
+        float(np.abs(R @ R.T - np.eye(3)).max()), float(np.abs(pose[3] - [0, 0, 0, 1]).max())
+    )
+    if fault > 1e-6 or np.linalg.det(R) < 0.0:
+        raise InputError(f"{what}: is no rigid pose (off by {fault:.1e}); give [R p; 0 0 0 1]")
+    pose.flags.writeable = False
+    return pose
+
+
+@dataclass(frozen=True, eq=False)
+class Grip:
+    """Nodes that a gripper holds.
+
+    Attributes:
+        nodes: their numbers in the grid, (k,).
+        p_TN: where they are in the tool frame T, (k, 3), m.
+        X_WT: (4, 4) last pose of the tool.
+    """
+
+    nodes: NDArray[np.intp]
+    p_TN: NDArray[np.float64]
+    X_WT: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        """Keep read-only arrays; refuse other shapes and NaN."""
+        nodes = np.array(self.nodes, dtype=np.intp)
+        p_TN = _frozen(self.p_TN, (len(nodes), 3), "grip: p_TN")
+        nodes.flags.writeable = False
+        object.__setattr__(self, "nodes", nodes)
+        object.__setattr__(self, "p_TN", p_TN)
+        object.__setattr__(self, "X_WT", checked_pose(self.X_WT, "grip: X_WT"))
+
+    def at(self, X_WT: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Places of the nodes in the world when the tool is at `X_WT`, (k, 3), m."""
+        return self.p_TN @ X_WT[:3, :3].T + X_WT[:3, 3]
+
+
+Grips = tuple[Grip | None, Grip | None]
+
+
+@dataclass(frozen=True, eq=False)
+class ClothState:
+    """The whole state of a cloth of S = nx * ny nodes; node (i, j) is number i * ny + j.
+
+    Attributes:
+        time: s.
+        positions: world, (3, S), m. Nodes that are no cloth have some finite place.
+        velocities: (3, S), m/s.
+        curvatures: plastic rests of the bendings along i, the two diagonals and j, as second
+            differences of positions, (4, S), m.
+        grips: of the right and the left hand.
+        asleep: nothing moves and nothing will until a hand does.
+        quiet: for how long nothing has moved, s; the cloth falls asleep by it.
+    """
+
+    time: float
+    positions: NDArray[np.float64]
+    velocities: NDArray[np.float64]
+    curvatures: NDArray[np.float64]
+    grips: Grips = (None, None)
+    asleep: bool = False
+    quiet: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Keep read-only arrays; refuse other shapes, NaN, and a node in both hands."""
+        if not (np.isfinite(self.time) and np.isfinite(self.quiet)):
+            raise InputError(f"cloth state: time {self.time} s, quiet {self.quiet} s; give numbers")
+        positions = np.asarray(self.positions)
+        size = positions.shape[1] if positions.ndim == 2 else 0
+        for name, count in (("positions", 3), ("velocities", 3), ("curvatures", 4)):
+            value = _frozen(getattr(self, name), (count, size), f"cloth state: {name}")
+            object.__setattr__(self, name, value)
+        if len(self.grips) != 2:
+            raise InputError(f"cloth state: {len(self.grips)} grips; give right and left, or None")
+        held = [grip.nodes for grip in self.grips if grip is not None]
+        every = np.concatenate([np.empty(0, dtype=np.intp), *held])
+        if len(every) and (every.min() < 0 or every.max() >= size):
+            raise InputError(f"cloth state: a grip holds a node outside 0 to {size - 1}")
+        if len(np.unique(every)) < len(every):
+            raise InputError("cloth state: a node is held twice; two grips cannot share nodes")
+
+    @property
+    def held(self) -> bool:
+        """Whether any hand holds cloth."""
+        return any(grip is not None for grip in self.grips)
+
+    @property
+    def speed(self) -> float:
+        """Of the fastest node, along one axis, m/s."""
+        return float(np.abs(self.velocities).max())
+
+    def save(self, path: str | Path) -> None:
+        """Write to an `.npz`, whole or not at all.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        header: dict[str, Any] = {
+            "kind": "cloth state",
+            "time": self.time,
+            "asleep": self.asleep,
+            "quiet": self.quiet,
+            "held": [grip is not None for grip in self.grips],
+        }
+        arrays: dict[str, NDArray[Any]] = {
+            "positions": self.positions,
+            "velocities": self.velocities,
+            "curvatures": self.curvatures,
+        }
+        for hand, grip in zip(HANDS, self.grips, strict=True):
+            if grip is not None:
+                arrays |= {
+                    f"{hand}_nodes": grip.nodes,
+                    f"{hand}_p_TN": grip.p_TN,
+                    f"{hand}_X_WT": grip.X_WT,
+                }
+        save_archive(path, header, arrays)
+
+    @staticmethod
+    def load(path: str | Path) -> "ClothState":
+        """Read what `save` wrote, bit for bit.
+
+        Raises:
+            InputError: missing, damaged, or no cloth state.
+        """
+        header, arrays = load_archive(path)
+        if header.get("kind") != "cloth state":
+            raise InputError(f"{path}: holds no cloth state; it is {header.get('kind', 'unknown')}")
+        try:
+            grips = [
+                _loaded_grip(arrays, hand) if held else None
+                for hand, held in zip(HANDS, header["held"], strict=True)
+            ]
+            return ClothState(
+                float(header["time"]),
+                arrays["positions"],
+                arrays["velocities"],
+                arrays["curvatures"],
+                (grips[0], grips[1]),
+                bool(header["asleep"]),
+                float(header["quiet"]),
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"{path}: lacks a part of the cloth state ({error})") from None
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+
+
+def _loaded_grip(arrays: Mapping[str, NDArray[Any]], hand: str) -> Grip:
+    return Grip(arrays[f"{hand}_nodes"], arrays[f"{hand}_p_TN"], arrays[f"{hand}_X_WT"])
+
+
+def _frozen(value: NDArray[Any], shape: tuple[int, int], what: str) -> NDArray[np.float64]:
+    array = np.array(value, dtype=float)
+    if array.shape != shape or array.size == 0:
+        raise InputError(f"{what} has shape {array.shape}, not {shape}")
+    if not np.isfinite(array).all():
+        raise InputError(f"{what}: {int((~np.isfinite(array)).sum())} values are not finite")
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,385 @@
+"""The supervisor in a small world: a station that does what it is told, and scripted sights, plans and verdicts."""
+
+import dataclasses as dc
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from pydrake.common.value import AbstractValue
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+
+from unwrinkle.models.robot import Cell, load_cell
+from unwrinkle.models.scenario import LoopSettings, load_scenario
+from unwrinkle.perception.head_file import nominal_calibration
+from unwrinkle.planning.plan import GripperEvent, Segment
+from unwrinkle.planning.trajectory import Trajectory
+from unwrinkle.systems import ports
+from unwrinkle.systems.results import Analysed, Perceived, Planned, PlanRequest, Verified
+from unwrinkle.systems.supervisor import FlatteningSupervisor
+from unwrinkle.systems.supervisor_state import Situation
+
+HOME = np.linspace(-0.3, 0.4, 13)
+BIG = (0.10, 12.0, 0.020, 0.012)  # place, volume score, pull, height
+SMALL = (-0.10, 10.0, 0.008, 0.006)
+GONE = (0.10, 6.0, 0.001, 0.001)
+
+
+def trajectory(first: float, last: float) -> Trajectory:
+    share = np.linspace(0.0, 1.0, 6)[:, None]
+    smooth, slope = 3 * share**2 - 2 * share**3, 6 * share * (1 - share) / 0.5
+    positions = HOME + first + (last - first) * smooth * np.ones(13)
+    return Trajectory(0.5 * share[:, 0], positions, (last - first) * slope * np.ones(13))
+
+
+def plan_of(name: str) -> Any:
+    """All that execution needs of a plan."""
+    names = ("approach", "pull", "release")
+    moves = [trajectory(0.0, 0.2), trajectory(0.2, 0.3), trajectory(0.3, 0.0)]
+    return SimpleNamespace(
+        content_hash=name,
+        segments=tuple(
+            Segment(segment, 0.0, move, closed, (), (0.0, 0.0))
+            for segment, move, closed in zip(
+                names, moves, ((False, False), (True, True), (False, False)), strict=True
+            )
+        ),
+        events=(GripperEvent(0.0, (True, True), 0.2), GripperEvent(0.0, (False, False), 0.2)),
+    )
+
+
+def analysis_of(wrinkles: tuple[tuple[float, float, float, float], ...]) -> Any:
+    """All that the judgement needs of an analysis."""
+    return SimpleNamespace(
+        mode="foot",
+        profile=SimpleNamespace(halting_pull=0.005),
+        share_beyond_table=0.0,
+        range_map=SimpleNamespace(
+            garment=np.ones((3, 3), dtype=bool),
+            table_height=0.7,
+            world_from_cell=lambda cells: np.array([0.05, -1.15]),
+        ),
+        wrinkles=tuple(
+            SimpleNamespace(
+                centre=(place, -1.1),
+                direction=(1.0, 0.0),
+                volume_score=score,
+                peak_height=height,
+                pull_distance=lambda mode, pull=pull: pull,
+            )
+            for place, score, pull, height in wrinkles
+        ),
+    )
+
+
+@dc.dataclass
+class Script:
+    """What happens: sights look by look (a text is a failure), and what goes wrong."""
+
+    sights: tuple[Any, ...]
+    planless: frozenset[tuple[int, str]] = frozenset()
+    unsafe: frozenset[tuple[int, str]] = frozenset()
+    misses: frozenset[int] = frozenset()
+    refuses: int = 0
+    silent: int = 0
+    hangs: int = 0
+    stuck: bool = False
+    dark: frozenset[int] = frozenset()
+    verdict_of: str = ""
+    asked: list[tuple[int, str]] = dc.field(default_factory=list)
+    sent: list[tuple[str, float]] = dc.field(default_factory=list)
+
+
+@dc.dataclass(frozen=True)
+class World:
+    """State of the station."""
+
+    status: ports.ControllerStatus = dc.field(default_factory=ports.ControllerStatus)
+    running: ports.TrajectoryCommand = dc.field(default_factory=ports.TrajectoryCommand)
+    began: float = 0.0
+    q: Any = dc.field(default_factory=lambda: HOME)
+    v: Any = dc.field(default_factory=lambda: np.zeros(13))
+    grip: ports.GripperStatus = dc.field(default_factory=ports.GripperStatus)
+    exposed: int = 0
+
+
+class FakeStation(LeafSystem):
+    """A station, and perception, planner and verification by the script."""
+
+    def __init__(self, script: Script) -> None:
+        super().__init__()
+        self.script = script
+        self.state = self.DeclareAbstractState(AbstractValue.Make(World()))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(0.02, 0.01, self.update)
+        for name, kind in {
+            "trajectory": ports.TrajectoryCommand,
+            "gripper.command": ports.GripperCommand,
+            "head.command": ports.HeadCommand,
+            "request": PlanRequest,
+        }.items():
+            self.DeclareAbstractInputPort(name, AbstractValue.Make(kind()))
+        ticket = {self.abstract_state_ticket(self.state)}
+        request = {self.GetInputPort("request").ticket()} | ticket
+        self.vector("joints.position_measured", 13, lambda w: w.q, ticket)
+        self.vector("joints.velocity_measured", 13, lambda w: w.v, ticket)
+        self.vector("exposed", 1, lambda w: [w.exposed], ticket)
+        self.value("controller.status", ports.ControllerStatus, lambda w, _: w.status, ticket)
+        self.value("gripper.status", ports.GripperStatus, lambda w, _: w.grip, ticket)
+        self.value("range_map", Perceived, lambda w, _: self.perceive(w), ticket)
+        self.value("analysis", Analysed, lambda w, _: self.analyse(w), ticket)
+        self.value("plan", Planned, lambda _, c: self.plan(c), request)
+        self.value("verdict", Verified, lambda _, c: self.verify(c), request)
+
+    def world(self, context: Any) -> World:
+        found: World = context.get_abstract_state(self.state).get_value()
+        return found
+
+    def vector(self, name: str, size: int, part: Callable[[World], Any], ticket: Any) -> None:
+        self.DeclareVectorOutputPort(
+            name, size, lambda c, out: out.SetFromVector(part(self.world(c))), ticket
+        )
+
+    def value(self, name: str, kind: Any, part: Callable[..., Any], ticket: Any) -> None:
+        self.DeclareAbstractOutputPort(
+            name,
+            lambda: AbstractValue.Make(kind()),
+            lambda c, out: out.set_value(part(self.world(c), c)),
+            ticket,
+        )
+
+    def update(self, context: Any, state: Any) -> None:
+        world, script, time = self.world(context), self.script, context.get_time()
+        command = self.GetInputPort("trajectory").Eval(context)
+        if command.number > max(world.status.command, script.silent * (world.status.command == 0)):
+            script.sent.append((command.name, time))
+            status = ports.ControllerStatus("running", command.number, world.status.completed)
+            if command.number == script.refuses:
+                status = dc.replace(status, state="idle", reason="it does not like it")
+            if command.trajectory is None:
+                status = dc.replace(status, state="holding")
+                world = dc.replace(world, v=np.zeros(13))
+            world = dc.replace(world, status=status, running=command, began=time)
+        moving = world.running.trajectory
+        if world.status.state == "running" and moving is not None:
+            t = min(time - world.began, moving.duration)
+            motion = moving.interpolant()
+            world = dc.replace(world, q=motion(t), v=motion(t, 1))
+            if t == moving.duration and command.number != script.hangs:
+                done = ports.ControllerStatus("idle", command.number, command.number)
+                world = dc.replace(world, status=done)
+        grip = self.GetInputPort("gripper.command").Eval(context)
+        if grip.number > world.grip.command and not script.stuck:
+            script.sent.append((f"gripper {grip.closed[0]:d}{grip.closed[1]:d}", time))
+            holding = (grip.closed[0] and grip.number not in script.misses, grip.closed[1])
+            world = dc.replace(
+                world, grip=ports.GripperStatus(grip.number, (0.0, 0.0), grip.closed, holding)
+            )
+        head = self.GetInputPort("head.command").Eval(context)
+        if head.number > world.exposed and head.number not in script.dark:
+            world = dc.replace(world, exposed=head.number)
+        state.get_mutable_abstract_state(self.state).set_value(world)
+
+    def sight(self, world: World) -> Any:
+        return self.script.sights[min(world.exposed, len(self.script.sights)) - 1]
+
+    def perceive(self, world: World) -> Perceived:
+        sight = self.sight(world)
+        if isinstance(sight, str):
+            return Perceived(world.exposed, None, sight, empty="empty" in sight)
+        return Perceived(world.exposed, analysis_of(sight).range_map)
+
+    def analyse(self, world: World) -> Analysed:
+        return Analysed(world.exposed, analysis_of(self.sight(world)))
+
+    def plan(self, context: Any) -> Planned:
+        request = self.GetInputPort("request").Eval(context)
+        key = (request.wrinkle, request.arms)
+        if not self.script.asked or self.script.asked[-1] != key:
+            self.script.asked.append(key)
+        if key in self.script.planless:
+            return Planned(request.number, None, f"no {request.arms}-arm motion", request=request)
+        result: Any = SimpleNamespace(plan=plan_of(f"plan {request.number}"))
+        return Planned(request.number, result, request=request)
+
+    def verify(self, context: Any) -> Verified:
+        request = self.GetInputPort("request").Eval(context)
+        of = self.script.verdict_of or f"plan {request.number}"
+        passed = (request.wrinkle, request.arms) not in self.script.unsafe
+        violations = () if passed else (SimpleNamespace(message="too near"),)
+        verdict: Any = SimpleNamespace(passed=passed, plan_hash=of, violations=violations)
+        return Verified(request.number, of, verdict)
+
+
+class Run:
+    """The supervisor in the fake station."""
+
+    def __init__(self, script: Script, **rules: Any) -> None:
+        scenario = dc.replace(load_scenario(), loop=LoopSettings(**rules))
+        cell: Cell = load_cell(scenario)
+        head = nominal_calibration().stereo_head(cell.limits.head)
+        builder = DiagramBuilder()
+        self.supervisor = builder.AddNamedSystem("supervisor", FlatteningSupervisor(cell, head))
+        station = builder.AddNamedSystem("station", FakeStation(script))
+        for port in (station.get_output_port(i) for i in range(station.num_output_ports())):
+            builder.Connect(port, self.supervisor.GetInputPort(port.get_name()))
+        for port in (station.get_input_port(i) for i in range(station.num_input_ports())):
+            builder.Connect(self.supervisor.GetOutputPort(port.get_name()), port)
+        self.interrupt = builder.ExportInput(self.supervisor.GetInputPort("interrupt"))
+        self.diagram = builder.Build()
+        self.simulator = Simulator(self.diagram)
+        self.modes: list[str] = []
+        self.script = script
+
+    def now(self) -> Situation:
+        context = self.simulator.get_context()
+        return self.supervisor.situation(self.supervisor.GetMyContextFromRoot(context))
+
+    def until(self, over: Callable[[Situation], bool] = lambda now: now.over) -> Situation:
+        """Advance until something holds; every mode on the way is noted."""
+        step = 0
+        while not over(self.now()):
+            step += 1
+            assert step < 8000, f"no end, last in {self.now().mode}"
+            self.simulator.AdvanceTo(self.simulator.get_context().get_time() + 0.025)
+            if not self.modes or self.modes[-1] != self.now().mode:
+                self.modes.append(self.now().mode)
+        return self.now()
+
+
+def sent(script: Script) -> list[str]:
+    return [name for name, _ in script.sent]
+
+
+def test_one_action_makes_it_flat() -> None:
+    run = Run(Script(((BIG,), (GONE,))))
+    end = run.until()
+    assert end.status == "flat" and end.memory.actions == 1
+    action = "look perceive decide plan confirm move grip move grip move"
+    assert " ".join(run.modes) == f"{action} look perceive decide done"
+    assert sent(run.script) == ["approach", "gripper 11", "pull", "gripper 00", "release"]
+    assert end.finished is not None and end.finished.outcome == "done"
+    steps = end.finished.steps
+    assert [step.name for step in steps] == ["approach", "close", "pull", "open", "release"]
+    assert all(step.finished - step.sent >= 0.2 for step in steps)
+    assert end.finished.verified is not None and end.finished.planned is not None
+    assert end.centre == (0.05, -1.15, 0.7)
+
+
+def test_flat_at_once_moves_nothing() -> None:
+    run = Run(Script(((GONE,),)))
+    end = run.until()
+    assert (end.status, end.memory.actions, sent(run.script)) == ("flat", 0, [])
+    assert "flat" in end.reason and end.action.outcome == "flat"
+
+
+def test_a_high_wrinkle_with_a_small_pull_is_pulled() -> None:
+    run = Run(Script((((0.1, 8.0, 0.002, 0.006),), (GONE,))))
+    assert run.until().memory.actions == 1
+
+
+def test_missed_grasp_goes_back_and_tries_again_then_the_next_wrinkle() -> None:
+    script = Script(((BIG, SMALL),) * 3 + ((GONE,),), misses=frozenset({1, 3}))
+    run = Run(script)
+    end = run.until()
+    assert end.status == "flat" and end.memory.actions == 3
+    missed = ["approach", "gripper 11", "gripper 00", "retreat"]
+    assert sent(script) == [
+        *missed,
+        *missed,
+        "approach",
+        "gripper 11",
+        "pull",
+        "gripper 00",
+        "release",
+    ]
+    assert script.asked == [(0, "dual"), (1, "dual")]
+    assert "retreat" in run.modes
+
+
+def test_unplannable_next_then_one_arm_then_give_up() -> None:
+    dual, single = frozenset({(0, "dual"), (1, "dual")}), frozenset({(0, "single"), (1, "single")})
+    script = Script(((BIG, SMALL), (GONE,)), planless=dual)
+    end = Run(script).until()
+    assert end.status == "flat" and script.asked == [(0, "dual"), (1, "dual"), (0, "single")]
+    assert end.finished is not None and len(end.finished.refusals) == 2
+    script = Script(((BIG, SMALL),), planless=dual | single)
+    end = Run(script).until()
+    assert end.status == "stopped" and sent(script) == []
+    assert "no motion" in end.reason and "single" in end.reason
+
+
+def test_a_verdict_that_fails_is_never_sent() -> None:
+    script = Script(((BIG,),), unsafe=frozenset({(0, "dual"), (0, "single")}))
+    end = Run(script).until()
+    assert end.status == "stopped" and sent(script) == [] and "too near" in end.reason
+
+
+def test_a_verdict_of_another_plan_is_never_sent() -> None:
+    script = Script(((BIG,),), verdict_of="plan of yesterday")
+    end = Run(script).until()
+    assert end.status == "fault" and sent(script) == [] and "verdict is of plan" in end.reason
+
+
+@pytest.mark.parametrize(
+    ("script", "reason"),
+    [
+        (Script(((BIG,),), refuses=2), "refused the motion: it does not like it"),
+        (Script(((BIG,),), silent=9), "approach: the controller did not answer"),
+        (Script(((BIG,),), hangs=1), "not finished after"),
+        (Script(((BIG,),), stuck=True), "the grippers did not close"),
+    ],
+)
+def test_faults_latch(script: Script, reason: str) -> None:
+    run = Run(script)
+    end = run.until()
+    assert end.mode == "fault" and end.status == "fault" and reason in end.reason
+    count = len(script.sent)
+    run.simulator.AdvanceTo(run.simulator.get_context().get_time() + 1.0)
+    assert run.now().mode == "fault"
+    assert sent(script)[count:] in ([], ["hold"])
+
+
+def test_actions_that_change_nothing_escalate_and_end() -> None:
+    script = Script(((BIG, SMALL),))
+    end = Run(script).until()
+    assert end.status == "stopped" and "4 actions in a row changed nothing" in end.reason
+    assert script.asked == [(0, "dual"), (1, "dual"), (0, "single")]
+    assert end.memory.actions == 4
+
+
+def test_action_limit() -> None:
+    sights = tuple(((0.1, 12.0 - k, 0.02, 0.01),) for k in range(5))
+    end = Run(Script(sights), actions=3).until()
+    assert end.status == "stopped" and end.memory.actions == 3
+    assert "not flat after 3 actions" in end.reason
+
+
+@pytest.mark.parametrize("fault", ["the camera returned nothing", "table is empty"])
+def test_nothing_seen_stops_after_a_second_look(fault: str) -> None:
+    end = Run(Script((fault, fault))).until()
+    assert end.status == "stopped" and fault in end.reason and end.head.number == 2
+    again = Run(Script((fault, (GONE,)))).until()
+    assert again.status == "flat" and again.head.number == 2
+
+
+def test_cameras_that_never_answer() -> None:
+    end = Run(Script(((GONE,),), dark=frozenset({1, 2}))).until()
+    assert end.status == "stopped" and "no camera answered" in end.reason
+
+
+@pytest.mark.parametrize("mode", ["look", "plan", "move", "grip"])
+def test_interrupt_ends_at_rest(mode: str) -> None:
+    run = Run(Script(((BIG,), (GONE,))))
+    run.until(lambda now: now.mode == mode and (now.sent or mode == "plan"))
+    context = run.simulator.get_mutable_context()
+    run.diagram.get_input_port(0).FixValue(context, [1.0])
+    end = run.until()
+    assert end.status == "interrupted" and end.action.outcome == "interrupted"
+    assert (sent(run.script)[-1:] == ["hold"]) == (mode == "move")
+    station = run.diagram.GetSubsystemByName("station")
+    speeds = station.GetOutputPort("joints.velocity_measured").Eval(
+        station.GetMyContextFromRoot(run.simulator.get_context())
+    )
+    assert np.abs(speeds).max() == 0.0
