@@ -40,7 +40,8 @@ class ClothMemory:
         half, h, thickness = 0.5 * material.thickness, spacing, material.thickness
         x, y = (float(value) for value in support.centre)
         half_x, half_y = (0.5 * float(value) for value in support.size)
-        self._table = (x, y, half_x, half_y, support.height + half, half)
+        edge = min(h, half_x, half_y)  # one spacing: some node is always on the rounding
+        self._table = (x, y, half_x, half_y, support.height + half, half, edge)
         slip = material.yield_curvature * h * h
         self._bends = (slip, 2.0 * slip, material.plastic_bending / material.first_bending)
         self._contact = (

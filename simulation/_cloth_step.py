@@ -65,15 +65,19 @@ def _predict(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _ground(
-    rows: Rows, nx: int, ny: int, table: tuple[float, float, float, float, float, float], mu: float
+    rows: Rows,
+    nx: int,
+    ny: int,
+    table: tuple[float, float, float, float, float, float, float],
+    mu: float,
 ) -> None:
-    """Keep the nodes above the table, or beside it above the floor, with Coulomb friction.
+    """Keep the nodes off the table and above the floor, with Coulomb friction.
 
     Friction works on positions: inside the cone a node is put back exactly where it was, so nothing
-    creeps. `table`: centre x, y, half sizes x, y, and the heights of a node that lies on the table and
-    on the floor. A node that comes at the table from its side is kept outside.
+    creeps. `table`: centre x, y, half sizes x, y, the heights of a node that lies on the table and on the
+    floor, and the radius of the table's rounded edge: over a sharp one, nodes would catch.
     """
-    centre_x, centre_y, half_x, half_y, top, floor = table
+    centre_x, centre_y, half_x, half_y, top, floor, edge = table
     for i in range(1, nx + 1):
         here = U(i) * _ROW
         for column in range(ny):
@@ -81,28 +85,32 @@ def _ground(
             x, y, z = rows[_X + o], rows[_Y + o], rows[_Z + o]
             px, py, pz = rows[_PX + o], rows[_PY + o], rows[_PZ + o]
             ax, ay = x - centre_x, y - centre_y
-            gap = min(half_x - abs(ax), half_y - abs(ay))
-            gap_before = min(half_x - abs(px - centre_x), half_y - abs(py - centre_y))
-            over = gap > 0.0
-            from_above = gap_before > 0.0 or pz >= top - 1e-4
-            rests = over and from_above
-            held_out = over and not from_above and z < top
-            level = top if rests else floor
-            depth = level - z
-            free = rows[_W + o] > 0.0
-            touches = free and depth > 0.0
-            tx, ty = x - px, y - py
-            slid = np.sqrt(tx * tx + ty * ty) + 1e-30
+            # How far beyond the flat part of the top, and above where the rounding begins.
+            out_x = max(0.0, abs(ax) - (half_x - edge))
+            out_y = max(0.0, abs(ay) - (half_y - edge))
+            out = np.sqrt(out_x * out_x + out_y * out_y)
+            above = max(0.0, z - (top - edge))
+            reach = np.sqrt(out * out + above * above) + 1e-30
+            depth = edge - reach if out > 0.0 else top - z
+            on_table = depth > 0.0
+            rounded = on_table and out > 0.0
+            nx_ = (out_x if ax > 0.0 else -out_x) / reach if rounded else 0.0
+            ny_ = (out_y if ay > 0.0 else -out_y) / reach if rounded else 0.0
+            nz_ = above / reach if rounded else 1.0
+            depth = depth if on_table else floor - z
+            touches = depth > 0.0 and rows[_W + o] > 0.0
+            tx = x + depth * nx_ - px
+            ty = y + depth * ny_ - py
+            tz = z + depth * nz_ - pz
+            normal = tx * nx_ + ty * ny_ + tz * nz_
+            tx -= normal * nx_
+            ty -= normal * ny_
+            tz -= normal * nz_
+            slid = np.sqrt(tx * tx + ty * ty + tz * tz) + 1e-30
             kept = max(0.0, 1.0 - mu * depth / slid)
-            x_new = px + kept * tx if touches else x
-            y_new = py + kept * ty if touches else y
-            z_new = level if touches else z
-            by_x = half_x - abs(ax) < half_y - abs(ay)
-            edge_x = centre_x + (half_x if ax > 0.0 else -half_x)
-            edge_y = centre_y + (half_y if ay > 0.0 else -half_y)
-            rows[_X + o] = edge_x if free and held_out and by_x else x_new
-            rows[_Y + o] = edge_y if free and held_out and not by_x else y_new
-            rows[_Z + o] = z_new
+            rows[_X + o] = px + normal * nx_ + kept * tx if touches else x
+            rows[_Y + o] = py + normal * ny_ + kept * ty if touches else y
+            rows[_Z + o] = pz + normal * nz_ + kept * tz if touches else z
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -177,7 +185,7 @@ def substeps(
     step: float,
     spacing: float,
     gravity: tuple[float, float, float],
-    table: tuple[float, float, float, float, float, float],
+    table: tuple[float, float, float, float, float, float, float],
     bends: tuple[float, float, float],
     contact: tuple[float, float, float, float, float, float],
     damping: tuple[float, float, float],

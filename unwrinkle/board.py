@@ -1,4 +1,4 @@
-"""A board with writing on it as a scene object: Meshcat has no text of its own."""
+"""A board with writing or a picture on it as a scene object: Meshcat has no text of its own."""
 
 import base64
 import json
@@ -6,11 +6,14 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.common import MemoryFile
 from pydrake.geometry import InMemoryMesh, Mesh
 
 _LINE = 44  # height of a line, pixels
 _MARGIN = 24
+_WIDEST = 640  # of a picture, pixels
+_MEDIA = {".png": "image/png", ".jpg": "image/jpeg"}
 _SCALE = 1.05  # of OpenCV's font, for that height
 
 
@@ -24,11 +27,22 @@ def board(lines: list[tuple[str, str]], height: float) -> Any:
     Returns:
         The shape for `Meshcat.SetObject`; its width follows from the texts.
     """
-    image = _picture(lines)
+    return _textured(_picture(lines), height, ".png")
+
+
+def picture_board(picture: NDArray[np.uint8], height: float) -> Any:
+    """Make a board that shows a picture (h, w, 3) RGB, else as `board`; large pictures are made smaller."""
+    rows, columns = picture.shape[:2]
+    zoom = min(1.0, _WIDEST / columns)
+    size = (max(1, round(zoom * columns)), max(1, round(zoom * rows)))
+    return _textured(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), height, ".jpg")
+
+
+def _textured(image: Any, height: float, kind: str) -> Any:
     aspect = image.shape[1] / image.shape[0]
-    ok, png = cv2.imencode(".png", image[..., ::-1])
+    ok, encoded = cv2.imencode(kind, np.ascontiguousarray(image[..., ::-1]))
     if not ok:
-        raise RuntimeError("OpenCV cannot write PNG")
+        raise RuntimeError(f"OpenCV cannot write {kind}")
     # glTF's axes have y up; Drake turns them into ours.
     x, y = 0.5 * aspect * height, height
     corners = np.array([[-x, 0, 0], [x, 0, 0], [x, y, 0], [-x, y, 0]], dtype="<f4")
@@ -57,7 +71,7 @@ def board(lines: list[tuple[str, str]], height: float) -> Any:
             }
         ],
         "textures": [{"source": 0}],
-        "images": [{"uri": _data("image/png", png.tobytes())}],
+        "images": [{"uri": _data(_MEDIA[kind], encoded.tobytes())}],
         "buffers": [
             {
                 "uri": _data("application/octet-stream", b"".join(parts)),

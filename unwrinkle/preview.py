@@ -11,34 +11,23 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import MeshcatAnimation, Rgba
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.geometry import MeshcatAnimation
 
 from unwrinkle.board import board
 from unwrinkle.models.robot import Cell
-from unwrinkle.overlay import Colours, page_with_overlay, pull_magnification
+from unwrinkle.overlay import page_with_overlay
+from unwrinkle.plan_shapes import ARMS, COLOURS, target_shapes, wrinkle_shapes
 from unwrinkle.planning.plan import FlatteningPlan
-from unwrinkle.planning.poses import approach_direction
 from unwrinkle.planning.verification_verdict import Verdict
 from unwrinkle.playback import Playback, Step
-from unwrinkle.scene import FIELD_OF_VIEW, OVERVIEW, CellScene, start_meshcat
-from unwrinkle.shapes import arrow, triad, tube
+from unwrinkle.scene import CellScene, in_first_view, rgba, start_meshcat
+from unwrinkle.shapes import triad, tube
 
 Array = NDArray[np.float64]
 
-ARMS = ("right", "left")
 FRAME_RATE = 30.0
 #: A page stays under 10 MB with this many frames.
 MOST_FRAMES = 900
-COLOURS = Colours(
-    ridge="#d50000",
-    outline="#00838f",
-    grasp="#00a152",
-    pull="#ff6d00",
-    arms=("#d81b60", "#1e88e5"),
-    poses=("#440154", "#443983", "#31688e", "#21918c", "#35b779", "#90d743", "#fde725"),
-)
-_GRASP_ARROW = 0.11
 _POLL = 1.0 / 30.0
 
 _log = logging.getLogger(__name__)
@@ -98,7 +87,6 @@ class PlanScene:
         self._plan = plan
         self._meshcat = meshcat
         self._draw_garment()
-        self._draw_target()
         self._draw_poses()
         self.show(0.0)
 
@@ -124,51 +112,19 @@ class PlanScene:
 
     def _mesh(self, path: str, mesh: tuple[Array, NDArray[np.int32]], colour: str) -> None:
         vertices, faces = mesh
-        self._meshcat.SetTriangleMesh(f"plan/{path}", vertices.T, faces.T, _rgba(colour))
+        self._meshcat.SetTriangleMesh(f"plan/{path}", vertices.T, faces.T, rgba(colour))
 
     def _draw_garment(self) -> None:
         garment = self._plan.garment
-        if garment is None:
-            target = self._plan.target
-            along = 0.1 * np.append(target.wrinkle_direction, 0.0)
-            ridge = target.p_WC + np.array([[0.0, 0.0, 0.004]]) + np.array([[-1.0], [1.0]]) * along
-            self._mesh("wrinkle", tube(ridge, 0.003), COLOURS.ridge)
-            return
-        self._meshcat.SetTriangleColorMesh(
-            "plan/garment",
-            garment.p_WV.T.astype(float),
-            garment.triangles.T,
-            garment.colours.T / 255.0,
-        )
-        if len(garment.ridge) > 1:
-            self._mesh("wrinkle", tube(garment.ridge, 0.003), COLOURS.ridge)
-        if len(garment.outline) > 1:
-            self._mesh("outline", tube(garment.outline, 0.0015), COLOURS.outline)
-
-    def _draw_target(self) -> None:
-        for name, choice in zip(ARMS, self._plan.arms, strict=True):
-            if choice is None:
-                continue
-            hand = self._plan.target.hands[choice.side]
-            direction = np.append(approach_direction(hand, choice.offset), 0.0)
-            tip = hand.p_WG + [0.0, 0.0, 0.008]
-            grasp = arrow(
-                tip - _GRASP_ARROW * direction,
-                tip,
-                0.004,
-                head_radius=0.011,
-                head_length=0.03,
+        if garment is not None:
+            self._meshcat.SetTriangleColorMesh(
+                "plan/garment",
+                garment.p_WV.T.astype(float),
+                garment.triangles.T,
+                garment.colours.T / 255.0,
             )
-            self._mesh(f"grasp/{name}", grasp, COLOURS.grasp)
-            pull = choice.share * hand.pull_distance
-            if pull <= 0.0:
-                continue
-            # Drawn inside the grasp point, over the cloth, where no gripper hides it.
-            along = np.append(hand.pull_direction, 0.0)
-            end = hand.p_WG - 0.03 * along + [0.0, 0.0, 0.03]
-            tail = end - pull_magnification(self._plan) * pull * along
-            shape = arrow(tail, end, 0.005, head_radius=0.014, head_length=0.03)
-            self._mesh(f"pull/{name}", shape, COLOURS.pull)
+        for path, mesh, colour in (*wrinkle_shapes(self._plan), *target_shapes(self._plan)):
+            self._mesh(path, mesh, colour)
 
     def _draw_poses(self) -> None:
         poses = [step for step in self.playback.steps if step.pose]
@@ -252,7 +208,7 @@ class LivePreview:
         writing = [(part, shade) for text in self.labels for part in text.split(", ", 1)]
         writing.append((f"motion {plan.motion_time:.2f} s; cloth shown as seen", "#3b4654"))
         meshcat.SetObject("plan/board", board(writing, 0.36))
-        meshcat.SetTransform("plan/board", _in_first_view(-0.66, 0.58, 3.0))
+        meshcat.SetTransform("plan/board", in_first_view(-0.66, 0.58, 3.0))
         for label in self.labels:
             meshcat.AddButton(label)
         meshcat.AddButton("play / pause", "Space")
@@ -304,19 +260,3 @@ class LivePreview:
         clicks = int(self._meshcat.GetButtonClicks(name))
         before, self._clicks[name] = self._clicks[name], clicks
         return clicks > before
-
-
-def _in_first_view(across: float, up: float, depth: float) -> RigidTransform:
-    """Pose facing the first view's camera: shares (-1..1) of a 16:10 picture, and m in front of it."""
-    camera, target = (np.array(point) for point in OVERVIEW)
-    y = (target - camera) / np.linalg.norm(target - camera)
-    x = np.cross(y, [0.0, 0.0, 1.0])
-    x /= np.linalg.norm(x)
-    z = np.cross(x, y)
-    half = depth * np.tan(0.5 * np.radians(FIELD_OF_VIEW))
-    place = camera + depth * y + half * (1.6 * across * x + up * z)
-    return RigidTransform(RotationMatrix(np.column_stack([x, y, z])), place)
-
-
-def _rgba(colour: str) -> Any:
-    return Rgba(*(int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)), 1.0)

@@ -13,6 +13,8 @@ from pydrake.geometry import (
     Rgba,
     Role,
 )
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.tree import BodyIndex
 from pydrake.planning import RobotDiagramBuilder
 
 from unwrinkle.models.errors import InputError
@@ -72,21 +74,51 @@ def look(meshcat: Any, view: View) -> None:
     meshcat.SetCameraPose(*(np.array(point) for point in view))
 
 
+def in_first_view(across: float, up: float, depth: float) -> RigidTransform:
+    """Pose facing the first view's camera: shares (-1..1) of a 16:10 picture, and m in front of it."""
+    camera, target = (np.array(point) for point in OVERVIEW)
+    y = (target - camera) / np.linalg.norm(target - camera)
+    x = np.cross(y, [0.0, 0.0, 1.0])
+    x /= np.linalg.norm(x)
+    z = np.cross(x, y)
+    half = depth * np.tan(0.5 * np.radians(FIELD_OF_VIEW))
+    place = camera + depth * y + half * (1.6 * across * x + up * z)
+    return RigidTransform(RotationMatrix(np.column_stack([x, y, z])), place)
+
+
+def rgba(colour: str) -> Rgba:
+    """Drake's colour of #rrggbb."""
+    return Rgba(*(int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)), 1.0)
+
+
 class CellScene:
     """A cell shown in a Meshcat, in two layers: `illustration` and `proximity` (red, see-through)."""
 
-    def __init__(self, cell: Cell, meshcat: Any, *, proximity_visible: bool = False) -> None:
+    def __init__(
+        self,
+        cell: Cell,
+        meshcat: Any,
+        *,
+        proximity: bool = True,
+        proximity_visible: bool = False,
+    ) -> None:
         """Send the cell's geometry, with the robot in its default position.
+
+        Args:
+            cell: to show.
+            meshcat: to show it in.
+            proximity: whether there is a second layer.
+            proximity_visible: whether it shows.
 
         Raises:
             InputError: the cell's models cannot be read.
         """
         builder = RobotDiagramBuilder(time_step=0.0)
         add_cell(cell, builder.plant(), builder.parser())
-        for role, prefix, visible in (
-            (Role.kIllustration, ILLUSTRATION, True),
-            (Role.kProximity, PROXIMITY, proximity_visible),
-        ):
+        layers = [(Role.kIllustration, ILLUSTRATION, True)]
+        if proximity:
+            layers.append((Role.kProximity, PROXIMITY, proximity_visible))
+        for role, prefix, visible in layers:
             params = MeshcatVisualizerParams()
             params.role, params.prefix, params.visible_by_default = role, prefix, visible
             params.default_color = Rgba(*_PROXIMITY_COLOUR)
@@ -103,6 +135,7 @@ class CellScene:
             self.plant.GetFrameByName("tcp", self.plant.GetModelInstanceByName(f"{arm}_gripper"))
             for arm in ("r1", "r2")
         ]
+        self._bodies: dict[str, Any] = {}
         self._diagram.ForcedPublish(self._context)
 
     def move(self, axes: Array, openings: Array) -> None:
@@ -125,7 +158,37 @@ class CellScene:
         self._context.SetTime(time)
         self._diagram.ForcedPublish(self._context)
 
+    def openings(self) -> Array:
+        """(2,) distance between the blades in the position that is set, m."""
+        return self.positions()[self.indices.grippers]
+
+    def bodies(self) -> tuple[str, ...]:
+        """Paths, within a layer, of the bodies that have a look."""
+        inspector = self._diagram.scene_graph().model_inspector()
+        found = []
+        for index in map(BodyIndex, range(self.plant.num_bodies())):
+            frame = self.plant.GetBodyFrameIdOrThrow(index)
+            if inspector.NumGeometriesForFrameWithRole(frame, Role.kIllustration):
+                found.append(inspector.GetName(frame).replace("::", "/"))
+        return tuple(found)
+
+    def body_poses(self, paths: tuple[str, ...]) -> Array:
+        """Position (m) and quaternion x, y, z, w of bodies in the world, (B, 7), as the position is set."""
+        poses = np.empty((len(paths), 7))
+        for k, path in enumerate(paths):
+            X_WB = self.plant.EvalBodyPoseInWorld(self._plant_context, self._body(path))
+            w, x, y, z = X_WB.rotation().ToQuaternion().wxyz()
+            poses[k] = (*X_WB.translation(), x, y, z, w)
+        return poses
+
     def tips(self) -> Array:
         """X_WT (2, 4, 4) of the right and the left tool centre point in the position that is set."""
         poses = [frame.CalcPoseInWorld(self._plant_context) for frame in self._tips]
         return np.array([pose.GetAsMatrix4() for pose in poses])
+
+    def _body(self, path: str) -> Any:
+        if path not in self._bodies:
+            instance, _, name = path.rpartition("/")
+            model = self.plant.GetModelInstanceByName(instance.replace("/", "::"))
+            self._bodies[path] = self.plant.GetBodyByName(name, model)
+        return self._bodies[path]

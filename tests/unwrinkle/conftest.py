@@ -1,11 +1,21 @@
-"""Fixtures of the tests of pages and pictures: a plan that waves its arms, and the garment beside it."""
+"""Fixtures of the tests of pages and pictures: a plan that waves its arms, and a whole run."""
 
+import dataclasses as dc
 from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from unwrinkle.garment_mesh import garment_of
 from unwrinkle.models.robot import Cell, load_cell
+from unwrinkle.perception.analysis import Analysis, analyse
+from unwrinkle.perception.camera import Camera
+from unwrinkle.perception.capture import range_map_from_capture
+from unwrinkle.perception.head import Gaze
+from unwrinkle.perception.noise import noise_profile
 from unwrinkle.perception.target import FlatteningTarget, HandTarget
 from unwrinkle.planning.plan import (
     ArmChoice,
@@ -15,8 +25,15 @@ from unwrinkle.planning.plan import (
     PoseMark,
     Segment,
 )
+from unwrinkle.planning.planner import FlatteningPlanner
 from unwrinkle.planning.poses import POSES
 from unwrinkle.planning.trajectory import Trajectory
+from unwrinkle.planning.verification import verify
+from unwrinkle.planning.verification_verdict import Verdict
+from unwrinkle.playback import Playback
+from unwrinkle.run_folder import ActionRecord, MotionRecord, RunFolder, RunSettings, SegmentMark
+from unwrinkle.simulation.garments import Towel, capture_of, overhead_pose, wrinkled_towel
+from unwrinkle.simulation.meshes import grid_triangles
 
 RIGHT, LEFT = ArmChoice(1, 0.1, 0.8, 1.0), ArmChoice(0, -0.1, 0.9, 0.5)
 
@@ -104,3 +121,161 @@ def waving_plan(cell: Cell) -> Callable[..., FlatteningPlan]:
 @pytest.fixture(scope="session")
 def plan(waving_plan: Callable[..., FlatteningPlan]) -> FlatteningPlan:
     return waving_plan()
+
+
+# ---------------------------------------------------------------- a run that was never made
+
+
+@dataclass(frozen=True)
+class SyntheticRun:
+    """Towels that lose one ridge per action; what was seen, planned and done about each."""
+
+    cell: Cell
+    towels: tuple[Towel, ...]
+    analyses: tuple[Analysis, ...]
+    plans: tuple[FlatteningPlan, ...]
+    verdicts: tuple[Verdict, ...]
+
+    def write(self, path: Path, *, nodes: int = 20, status: str = "flat") -> RunFolder:
+        """Write the run's folder; with the status "running" as a killed run leaves it, in its last action."""
+        settings = RunSettings(
+            garment="towel",
+            texture="terry",
+            start="ridge",
+            seed=7,
+            sensor="stereo",
+            scale=0.5,
+            arms="any",
+            mode="foot",
+            actions=10,
+            scenario="Glasgow:\n  speed: 1.0\n",
+            command="unwrinkle flatten --seed 7",
+        )
+        run = RunFolder.create(path, settings)
+        rest, triangles = flat_cloth(nodes)
+        run.save_cloth(triangles, rest)
+        begin = 0.0
+        for index, analysis in enumerate(self.analyses):
+            look = run.look(index)
+            run.event(begin, "look", f"look {index}")
+            picture = analysis.range_map.colour
+            assert picture is not None
+            eye = np.ascontiguousarray(np.flip(picture, axis=(0, 1)))
+            look.save_pair(eye, eye, Gaze(0.1, -0.5, -0.1, -0.5))
+            look.save_range_map(analysis.range_map)
+            look.save_analysis(analysis)
+            if index == len(self.plans):
+                break
+            plan, verdict = self.plans[index], self.verdicts[index]
+            look.save_plan(plan, verdict)
+            if status == "running" and index == len(self.plans) - 1:
+                return run
+            pair = self.towels[index], self.towels[index + 1]
+            motion = motion_along(plan, self.cell, pair, rest, begin)
+            look.save_motion(motion)
+            begin = motion.end + 3.0
+            smallest = verdict.smallest
+            look.save_action(
+                ActionRecord(
+                    index=index,
+                    outcome="done",
+                    wrinkle=analysis.target_index,
+                    arms=("right", "left"),
+                    pulls={"right": 0.012, "left": 0.012},
+                    seconds={
+                        "render": 6.1,
+                        "stereo": 2.4,
+                        "analysis": 0.7,
+                        "planning": 0.5,
+                        "verification": 0.9,
+                        "motion": 7.7,
+                    },
+                    truth_before=_truth(pair[0]),
+                    truth_after=_truth(pair[1]),
+                    clearance=None if smallest is None else smallest.distance,
+                    clearance_measured=None if smallest is None else smallest.distance - 0.0004,
+                    following_error=0.0004,
+                    grip_distance_error=0.0011,
+                    memory={"tried": [index]},
+                )
+            )
+        run.finish(status, "no wrinkle asks for a pull of 5 mm", {"seconds": 61.0})
+        return run
+
+
+def flat_cloth(nodes: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Vertices (n, 2) of a flat square towel, m, and its triangles."""
+    u, v = np.meshgrid(np.linspace(-0.24, 0.24, nodes), np.linspace(-0.24, 0.24, nodes))
+    return np.column_stack([u.ravel(), v.ravel()]), grid_triangles(nodes, nodes)
+
+
+def _truth(towel: Towel) -> dict[str, float]:
+    height = max((ridge.height for ridge in towel.ridges), default=0.0)
+    return {"coverage": 1.0 - 0.02 * len(towel.ridges), "height": height, "overstretch": 0.01}
+
+
+def motion_along(
+    plan: FlatteningPlan,
+    cell: Cell,
+    towels: tuple[Towel, Towel],
+    rest: NDArray[np.float64],
+    begin: float,
+) -> MotionRecord:
+    """A motion that follows a plan; the first towel becomes the second while the plan pulls."""
+    playback = Playback(plan, cell)
+    times = np.arange(0.0, playback.duration, 0.025)
+    positions = np.array([playback.positions(t) for t in times])
+    pull = plan.segments[1]
+    frames = np.arange(0.0, playback.duration, 0.1)
+    x, y = (rest + towels[0].centre).T
+    heights = [towel.table_height + np.maximum(towel.height(x, y), 0.002) for towel in towels]
+    share = np.clip((frames - pull.start) / (pull.end - pull.start), 0.0, 1.0)
+    width = 1.0 - 0.03 * (1.0 - share[:, None])
+    cloth = np.stack(
+        [
+            towels[0].centre[0] + width * rest[:, 0],
+            np.broadcast_to(y, (len(frames), len(y))),
+            heights[0] + share[:, None] * (heights[1] - heights[0]),
+        ],
+        axis=-1,
+    )
+    return MotionRecord(
+        times=begin + times,
+        measured=positions,
+        velocities=np.zeros_like(positions),
+        reference=positions,
+        openings=np.array([playback.openings(t) for t in times]),
+        segments=tuple(
+            SegmentMark(segment.name, begin + segment.start, begin + segment.end)
+            for segment in plan.segments
+        ),
+        frame_times=begin + frames,
+        cloth_frames=cloth.astype(np.float32),
+    )
+
+
+def _seen(towel: Towel) -> Analysis:
+    camera = Camera("overhead", 640, 480, 700.0, 700.0, 319.5, 239.5)
+    capture = capture_of(towel, camera, overhead_pose(0.0, -1.1, 1.6))
+    return analyse(
+        range_map_from_capture(
+            capture, profile=noise_profile("stereo"), centre=towel.centre, table_height=0.70
+        )
+    )
+
+
+@pytest.fixture(scope="session")
+def synthetic_run(cell: Cell) -> SyntheticRun:
+    """Two actions and a last look at a towel with one small ridge."""
+    towel = wrinkled_towel(7)
+    towels = tuple(dc.replace(towel, ridges=towel.ridges[k:], thickness=0.004) for k in range(3))
+    analyses = tuple(map(_seen, towels))
+    planner = FlatteningPlanner(cell)
+    plans = []
+    for analysis in analyses[:2]:
+        assert isinstance(analysis.target, FlatteningTarget)
+        plan = planner.plan(analysis.target, garment=garment_of(analysis)).plan
+        assert plan is not None
+        plans.append(plan)
+    verdicts = tuple(verify(plan, cell) for plan in plans)
+    return SyntheticRun(cell, towels, analyses, tuple(plans), verdicts)

@@ -1,0 +1,74 @@
+"""From the depth camera's picture to the range map: computed when asked for, once per exposure."""
+
+import time
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.robot import Cell
+from unwrinkle.perception.capture import range_map_from_capture
+from unwrinkle.systems.latest import Latest
+from unwrinkle.systems.ports import DepthImage
+from unwrinkle.systems.results import Perceived
+from unwrinkle.systems.stereo_perception import failed
+
+
+class DepthPerception(LeafSystem):
+    """The garment in the depth camera's last exposure.
+
+    Input: `image` (`DepthImage`). Outputs: `exposed`, vector (1,), number of the last exposure, cheap; `range_map`
+    (`Perceived`), computed when it is evaluated.
+    """
+
+    def __init__(self, cell: Cell, *, seed: int = 0) -> None:
+        """Take the table from the cell.
+
+        Args:
+            cell: the robot in its cell; its table counts where the camera's pose is unknown.
+            seed: of perception's random choices.
+        """
+        super().__init__()
+        x, y = cell.scenario.garment_centre
+        self._centre, self._height = (x, y), float(cell.table_centre[2])
+        self._seed = seed
+        port = self.DeclareAbstractInputPort("image", AbstractValue.Make(DepthImage()))
+        tickets = {self.input_port_ticket(port.get_index())}
+        self.DeclareVectorOutputPort("exposed", 1, self._exposed, tickets)
+        self.DeclareAbstractOutputPort(
+            "range_map", lambda: AbstractValue.Make(Perceived()), self._perceive, tickets
+        )
+        self._latest = Latest(self._range_map, _same)
+
+    def _exposed(self, context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, self.get_input_port(0).Eval(context).number)
+
+    def _perceive(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(self._latest(self.get_input_port(0).Eval(context)))
+
+    def _range_map(self, image: DepthImage) -> Perceived:
+        number = image.number
+        if number == 0:
+            return Perceived(reason="nothing was looked at yet")
+        clock = time.perf_counter()
+        try:
+            if image.capture is None:
+                raise InputError(
+                    f"look {number}: the depth camera returned nothing"
+                    f"{': ' if image.reason else ''}{image.reason}"
+                )
+            found = range_map_from_capture(
+                image.capture, centre=self._centre, table_height=self._height, seed=self._seed
+            )
+        except InputError as error:
+            return failed(number, error, clock)
+        return Perceived(number, found, seconds=time.perf_counter() - clock)
+
+
+def _same(a: DepthImage, b: DepthImage) -> bool:
+    if (a.number, a.time, a.reason) != (b.number, b.time, b.reason):
+        return False
+    if a.capture is None or b.capture is None:
+        return a.capture is b.capture
+    return a.capture is b.capture or np.array_equal(a.capture.depth, b.capture.depth)

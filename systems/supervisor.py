@@ -1,0 +1,197 @@
+"""The one system with a state machine: everything else answers, and only when it is asked."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+
+from unwrinkle.models.robot import Cell
+from unwrinkle.perception.gaze import quantised
+from unwrinkle.perception.head import Gaze, StereoHead
+from unwrinkle.planning.trajectory import AXES
+from unwrinkle.systems.judgement import Memory
+from unwrinkle.systems.ports import (
+    ControllerStatus,
+    GripperCommand,
+    GripperStatus,
+    HeadCommand,
+    TrajectoryCommand,
+)
+from unwrinkle.systems.procedure import GazeAt, Procedure
+from unwrinkle.systems.results import Analysed, Perceived, Planned, PlanRequest, Verified
+from unwrinkle.systems.supervisor_state import Action, Array, Situation, SupervisorSettings
+
+#: Abstract inputs, by name, with an example of what they carry.
+_ANSWERS: dict[str, Callable[[], Any]] = {
+    "range_map": Perceived,
+    "analysis": Analysed,
+    "plan": Planned,
+    "verdict": Verified,
+    "controller.status": ControllerStatus,
+    "gripper.status": GripperStatus,
+}
+#: Vector inputs, by name, with their size.
+_VECTORS = {
+    "joints.position_measured": AXES,
+    "joints.velocity_measured": AXES,
+    "exposed": 1,
+    "interrupt": 1,
+}
+
+
+class FlatteningSupervisor(LeafSystem):
+    """Runs the loop: looks, has the wrinkles found and a motion planned and verified, carries it out, looks again.
+
+    Inputs: `range_map`, `analysis`, `plan`, `verdict` (see `results`), `exposed` (number of the last exposure),
+    `joints.position_measured`, `joints.velocity_measured`, `controller.status`, `gripper.status` (see `ports`), and
+    `interrupt`, vector (1,): above one half, what moves is held and the run ends; it may be left unconnected. An input is
+    evaluated only in the state that needs it: since all answers are worked out on demand, nothing is computed otherwise.
+
+    Outputs: `trajectory`, `gripper.command`, `head.command`, `speed_override`, `request` (`PlanRequest`), and `state`
+    (`Situation`) for recorders. They depend on the state alone, which changes once per feedback period.
+
+    A trajectory is sent only if its plan has a passing verdict for the same content hash, and from where the robot rests.
+    Faults latch: the state machine has no way out of `fault`.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        head: StereoHead,
+        *,
+        settings: SupervisorSettings | None = None,
+        memory: Memory | None = None,
+    ) -> None:
+        """Declare the ports.
+
+        Args:
+            cell: its scenario gives the judgement's rules, the feedback period, and where the garment is expected.
+            head: whose gaze is commanded.
+            settings: deadlines and tolerances.
+            memory: of a run that goes on; its looks are counted on.
+        """
+        super().__init__()
+        settings = settings or SupervisorSettings()
+        memory = memory or Memory()
+        scenario = cell.scenario
+        x, y = scenario.garment_centre
+        first = Situation(
+            memory=memory,
+            head=HeadCommand(memory.looks),
+            centre=(float(x), float(y), float(cell.table_centre[2])),
+            action=Action(look=memory.looks + 1, memory=memory),
+        )
+        self._speed = settings.speed
+        self._first_look = memory.looks
+        self._procedure = Procedure(scenario.loop, settings, _gaze_at(head))
+        self._state = self.DeclareAbstractState(AbstractValue.Make(first))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(
+            scenario.station.feedback_period, 0.0, self._update
+        )
+        for name, example in _ANSWERS.items():
+            self.DeclareAbstractInputPort(name, AbstractValue.Make(example()))
+        for name, size in _VECTORS.items():
+            self.DeclareVectorInputPort(name, size)
+        ticket = {self.abstract_state_ticket(self._state)}
+        outputs: dict[str, tuple[Any, Callable[[Situation], Any]]] = {
+            "trajectory": (TrajectoryCommand(), lambda now: now.trajectory),
+            "gripper.command": (GripperCommand(), lambda now: now.gripper),
+            "head.command": (HeadCommand(), self._head_command),
+            "request": (PlanRequest(), lambda now: now.request),
+            "state": (first, lambda now: now),
+        }
+        for name, (example, part) in outputs.items():
+            self.DeclareAbstractOutputPort(
+                name, _allocator(example), self._reader(part), prerequisites_of_calc=ticket
+            )
+        self.DeclareVectorOutputPort("speed_override", 1, self._speed_override, ticket)
+
+    def situation(self, context: Context) -> Situation:
+        """The state, of this system's own context."""
+        found: Situation = context.get_abstract_state(self._state).get_value()
+        return found
+
+    def _head_command(self, now: Situation) -> HeadCommand:
+        """No command before the first look, also where looks of an earlier run were counted."""
+        return now.head if now.head.number > self._first_look else replace(now.head, number=0)
+
+    def _reader(self, part: Callable[[Situation], Any]) -> Callable[[Context, AbstractValue], None]:
+        def read(context: Context, output: AbstractValue) -> None:
+            output.set_value(part(self.situation(context)))
+
+        return read
+
+    def _speed_override(self, context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, self._speed)
+
+    def _update(self, context: Context, state: State) -> None:
+        now = self.situation(context)
+        following = self._procedure.next(now, _Ports(self, context))
+        if following is not now:
+            state.get_mutable_abstract_state(self._state).set_value(following)
+
+
+class _Ports:
+    """The feedback at the ports, evaluated where it is asked for."""
+
+    def __init__(self, system: LeafSystem, context: Context) -> None:
+        self._system, self._context = system, context
+
+    def _of(self, name: str) -> Any:
+        return self._system.GetInputPort(name).Eval(self._context)
+
+    @property
+    def time(self) -> float:
+        return float(self._context.get_time())
+
+    @property
+    def interrupted(self) -> bool:
+        port = self._system.GetInputPort("interrupt")
+        return port.HasValue(self._context) and bool(port.Eval(self._context)[0] > 0.5)
+
+    def exposed(self) -> int:
+        return round(float(self._of("exposed")[0]))
+
+    def perceived(self) -> Perceived:
+        found: Perceived = self._of("range_map")
+        return found
+
+    def analysed(self) -> Analysed:
+        found: Analysed = self._of("analysis")
+        return found
+
+    def planned(self) -> Planned:
+        found: Planned = self._of("plan")
+        return found
+
+    def verified(self) -> Verified:
+        found: Verified = self._of("verdict")
+        return found
+
+    def positions(self) -> Array:
+        return np.array(self._of("joints.position_measured"), dtype=float)
+
+    def velocities(self) -> Array:
+        return np.array(self._of("joints.velocity_measured"), dtype=float)
+
+    def controller(self) -> ControllerStatus:
+        found: ControllerStatus = self._of("controller.status")
+        return found
+
+    def grippers(self) -> GripperStatus:
+        found: GripperStatus = self._of("gripper.status")
+        return found
+
+
+def _allocator(example: Any) -> Callable[[], AbstractValue]:
+    return lambda: AbstractValue.Make(example)
+
+
+def _gaze_at(head: StereoHead) -> GazeAt:
+    def gaze_at(p_WQ: Array, ext_axis: float) -> Gaze:
+        return quantised(head, head.gaze_at(p_WQ, ext_axis))
+
+    return gaze_at

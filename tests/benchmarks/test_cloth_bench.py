@@ -1,0 +1,43 @@
+"""The benchmark of the cloth: its closed forms hold, its page says what it measured."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from unwrinkle.benchmarks import _cloth_checks, _cloth_rest, cloth
+
+RESULTS = Path(__file__).parents[2] / "docs" / "results"
+
+
+def test_the_cloth_agrees_with_the_closed_forms() -> None:
+    checks = _cloth_checks.run_checks()
+    limits = {"cantilever": 0.04, "stretch": 0.01, "shear": 0.04, "sag": 0.01, "incline": 0.01}
+    assert set(checks) == set(limits)
+    for name, rows in checks.items():
+        for row in rows:
+            assert abs(row["error"]) < limits[name], (name, row)
+
+
+def test_the_closed_form_of_a_cantilever_is_peirces_for_a_stiff_strip() -> None:
+    # B / weight = 3e-4 / 3.43: the elastica's bending length is within 2 % of its cube root.
+    row = _cloth_checks.cantilever(
+        _cloth_checks.load_material("terry").changed(bending=3e-4, plastic_bending=0.0), 0.081
+    )
+    assert row["bending_length_exact"] == pytest.approx(row["bending_length_material"], rel=0.02)
+
+
+def test_one_process_repeats_itself() -> None:
+    assert _cloth_rest.fingerprint(24, 0) == _cloth_rest.fingerprint(24, 0)
+    assert _cloth_rest.fingerprint(24, 0) != _cloth_rest.fingerprint(24, 1)
+
+
+def test_the_page_is_made_from_the_figures(tmp_path: Path) -> None:
+    report = json.loads((RESULTS / "cloth.json").read_text())
+    page = (RESULTS / "cloth.md").read_text()
+    assert cloth.table(report["results"]).strip() in page
+    assert not report["quick"]
+    assert report["results"]["same_bits"]["same"]
+    assert report["results"]["pulls_flat_at_1.1"] == len(_cloth_rest.WRINKLES)
+    cloth.plot(report["results"], tmp_path / "cloth.png")
+    assert (tmp_path / "cloth.png").stat().st_size > 10_000

@@ -1,0 +1,46 @@
+"""``unwrinkle replay``: the pages of a run, also of one that was killed, or the run live."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def replay(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of `unwrinkle flatten`.")],
+    live: Annotated[
+        bool, typer.Option("--live/--no-live", help="Show it live in place of writing the pages.")
+    ] = False,
+    show: Annotated[
+        bool, typer.Option("--open/--no-open", help="Open the replay in the browser.")
+    ] = False,
+    scenario: Annotated[
+        Path | None, typer.Option(help="The cell it was made in; the run's own if left out.")
+    ] = None,
+    host: Annotated[str, typer.Option(help="Address to serve live on; * for all.")] = "localhost",
+    port: Annotated[int | None, typer.Option(help="To serve live on [first free].")] = None,
+) -> None:
+    """Write a run's replay and report from what its folder holds, or show the run live."""
+    from rich.console import Console
+
+    from unwrinkle.live_replay import LiveReplay
+    from unwrinkle.models.robot import load_cell
+    from unwrinkle.models.scenario import load_scenario
+    from unwrinkle.run_folder import RunFolder
+    from unwrinkle.run_replay import write_replay
+    from unwrinkle.run_report import write_report
+    from unwrinkle.scene import start_meshcat
+
+    folder = RunFolder.open(run)
+    cell = load_cell(load_scenario(folder.scenario_file if scenario is None else scenario))
+    console = Console()
+    if live:
+        player = LiveReplay(folder, cell, meshcat := start_meshcat(host, port))
+        console.print(f"{meshcat.web_url()}: Ctrl-C ends it", highlight=False, soft_wrap=True)
+        player.run()
+        return
+    page = write_replay(folder, cell)
+    console.print(f"replay  {page}", highlight=False, soft_wrap=True)
+    console.print(f"report  {write_report(folder)}", highlight=False, soft_wrap=True)
+    if show:
+        typer.launch(page.resolve().as_uri())

@@ -1,0 +1,187 @@
+"""A run with its folder: begun or gone on with, carried out, and finished whatever happens."""
+
+import dataclasses as dc
+import logging
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from unwrinkle.flattening_recorder import Recorder
+from unwrinkle.flattening_run import Ending, FlatteningRun, Watcher, caught_interrupts, failure
+from unwrinkle.flattening_setup import SENSORS, Loop, build_loop, scenario_text, with_choices
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.scenario import Scenario, load_scenario
+from unwrinkle.motion_check import MotionCheck
+from unwrinkle.run_folder import RunFolder, RunSettings, command_line
+from unwrinkle.run_replay import write_replay
+from unwrinkle.run_report import write_report
+from unwrinkle.simulation.cloth import ClothState
+from unwrinkle.systems.judgement import Memory
+from unwrinkle.systems.supervisor_state import FLAT, INTERRUPTED
+
+_log = logging.getLogger(__name__)
+
+#: What a run that goes on may still choose.
+_FREE = ("arms", "actions")
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What the user chose; None leaves it to the scenario. See `RunSettings` and `LoopSettings`."""
+
+    garment: str | None = None
+    start: str | None = None
+    texture: str | None = None
+    seed: int | None = None
+    sensor: str | None = None
+    scale: float | None = None
+    arms: str | None = None
+    mode: str | None = None
+    actions: int | None = None
+
+    def applied(self, scenario: Scenario) -> Scenario:
+        """A scenario with these choices.
+
+        Raises:
+            InputError: a choice that no scenario can have.
+        """
+        choices = {name: value for name, value in dc.asdict(self).items() if name != "seed"}
+        return with_choices(scenario, **choices)
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """A loop and the folder that it is recorded in."""
+
+    loop: Loop
+    folder: RunFolder
+
+    def run(self, watchers: tuple[Watcher, ...] = ()) -> Ending:
+        """Run to the end, and finish the folder and its report.
+
+        A SIGINT or SIGTERM ends the run with the arms at rest.
+
+        Raises:
+            Exception: what ended the run otherwise, after the arms came to rest and the folder was finished.
+        """
+        clock = time.perf_counter()
+        recorder = Recorder(self.folder, MotionCheck(self.loop.cell))
+        with caught_interrupts() as interrupts:
+            run = FlatteningRun(self.loop, (recorder, *watchers))
+            try:
+                ending = run.run(interrupts)
+            except BaseException as error:
+                status, reason = failure(error)
+                if isinstance(error, KeyboardInterrupt):
+                    status, reason = INTERRUPTED, "interrupted twice"
+                self._finish(status, reason, clock, run)
+                raise
+            reason = f"{interrupts.name}: {ending.reason}" if interrupts.name else ending.reason
+            self._finish(ending.status, reason, clock, run)
+        return ending
+
+    def _finish(self, status: str, reason: str, clock: float, run: FlatteningRun) -> None:
+        """Write how it ended; what cannot be written any more is only logged."""
+        earlier = self.folder.figures.get("seconds", 0.0)
+        figures: dict[str, Any] = {
+            "actions": run.situation.memory.actions,
+            "looks": run.situation.memory.looks,
+            "seconds": earlier + time.perf_counter() - clock,
+            **(run.station.truth() or {}),
+        }
+        pages = (
+            lambda: self.folder.finish(status, reason, figures),
+            lambda: write_report(self.folder),
+            lambda: write_replay(self.folder, self.loop.cell),
+        )
+        for write in pages:
+            try:
+                write()
+            except InputError as error:
+                _log.error("%s", error)
+
+
+def begin(choices: Choices, scenario: Path | None, out: Path | None) -> Session:
+    """Begin a run.
+
+    Args:
+        choices: of the user.
+        scenario: file; the shipped one if left out.
+        out: folder of the run; by the garment and the seed if left out, and then never one that is there.
+
+    Raises:
+        InputError: bad input, or the folder holds a run already or cannot be written.
+    """
+    chosen = choices.applied(load_scenario(scenario))
+    seed = choices.seed or 0
+    outline = chosen.station.garment.outline
+    path = _unused(Path("out") / f"flatten-{outline}-{seed}") if out is None else out
+    loop = build_loop(chosen, seed=seed)
+    folder = RunFolder.create(path, _settings(chosen, seed))
+    _save_cloth(folder, loop)
+    return Session(loop, folder)
+
+
+def go_on(run: Path, choices: Choices) -> Session:
+    """Go on with a run, from the cloth and the memory after its last complete look.
+
+    Args:
+        run: its folder.
+        choices: only arms and actions may change.
+
+    Raises:
+        InputError: it is no run, it is flat already, something else was chosen, or a file is damaged.
+    """
+    fixed = [
+        f"--{field.name}"
+        for field in dc.fields(choices)
+        if field.name not in _FREE and getattr(choices, field.name) is not None
+    ]
+    if fixed:
+        raise InputError(f"{', '.join(fixed)}: a run goes on as it began; leave it out")
+    folder = RunFolder.open(run)
+    if folder.status == FLAT:
+        raise InputError(f"{run}: is flat already; begin a new run")
+    scenario = choices.applied(load_scenario(folder.path / "scenario.yaml"))
+    last = folder.last_complete()
+    state = memory = None
+    if last is not None:
+        look = folder.look(last)
+        memory = Memory.from_json(look.action().memory)
+        state = ClothState.load(look.after_file)
+    loop = build_loop(scenario, seed=folder.settings.seed, state=state, memory=memory)
+    folder.go_on()
+    _save_cloth(folder, loop)
+    return Session(loop, folder)
+
+
+def _settings(scenario: Scenario, seed: int) -> RunSettings:
+    garment, sensor, loop = scenario.station.garment, scenario.sensor, scenario.loop
+    return RunSettings(
+        garment=garment.outline,
+        texture=garment.texture,
+        start=garment.start,
+        seed=seed,
+        sensor="stereo" if sensor.kind == SENSORS["stereo"][0] else sensor.depth_camera,
+        scale=sensor.scale,
+        arms=loop.arms,
+        mode=loop.mode,
+        actions=loop.actions,
+        scenario=scenario_text(scenario),
+        command=command_line(),
+    )
+
+
+def _save_cloth(folder: RunFolder, loop: Loop) -> None:
+    if loop.cloth is not None:
+        folder.save_cloth(loop.cloth.triangles, loop.cloth.rest)
+
+
+def _unused(path: Path) -> Path:
+    """The path, or one with a number behind it that is not there yet."""
+    candidate, count = path, 1
+    while candidate.exists():
+        count += 1
+        candidate = path.with_name(f"{path.name}-{count}")
+    return candidate

@@ -1,0 +1,66 @@
+"""Shows a run live in Meshcat while it goes on."""
+
+from typing import Any
+
+from unwrinkle.flattening_progress import DOING
+from unwrinkle.flattening_run import Seconds
+from unwrinkle.flattening_setup import Loop
+from unwrinkle.live_view import LiveView
+from unwrinkle.station_view import StationView
+from unwrinkle.systems import supervisor_state as states
+from unwrinkle.systems.supervisor_state import Situation
+
+#: The scene is sent every so many feedback periods while something moves.
+FRAME_PERIODS = 2
+_STILL = (states.PERCEIVE, states.DECIDE, states.PLAN, states.CONFIRM)
+
+
+class LiveWatcher:
+    """A watcher that shows robot, cloth, pictures, wrinkles and the plan."""
+
+    def __init__(self, loop: Loop, meshcat: Any) -> None:
+        """Send the cell to a Meshcat."""
+        triangles = None if loop.cloth is None else loop.cloth.triangles
+        self._view = LiveView(loop.cell, meshcat, triangles)
+        self._periods = 0
+
+    def update(
+        self, before: Situation, now: Situation, station: StationView, seconds: Seconds
+    ) -> None:
+        """Show what is new; see `flattening_run.Watcher`."""
+        self._periods += 1
+        moving = now.mode not in _STILL and self._periods % FRAME_PERIODS == 0
+        if moving or now.mode != before.mode:
+            self._view.update(
+                station.positions,
+                station.head,
+                station.openings,
+                station.vertices,
+                force=now.mode != before.mode,
+            )
+        if now is before:
+            return
+        if before.mode == states.LOOK and now.mode == states.PERCEIVE:
+            left, right = station.pair
+            if left.pixels is not None and right.pixels is not None:
+                self._view.show_look(left.pixels, right.pixels)
+            self._view.show_analysis(None)
+            self._view.show_plan(None)
+        analysed, planned = now.action.analysed, now.action.planned
+        if analysed is not None and analysed is not before.action.analysed:
+            self._view.show_analysis(analysed.analysis)
+        if planned is not None and planned is not before.action.planned:
+            self._view.show_plan(None if planned.result is None else planned.result.plan)
+        if now.mode != before.mode:
+            self._view.status(_status(now, station))
+
+
+def _status(now: Situation, station: StationView) -> list[str]:
+    doing = now.reason if now.over else DOING.get(now.mode, now.mode)
+    lines = [f"look {now.action.look}, {now.memory.actions} actions", doing]
+    truth = station.truth()
+    if truth is not None:
+        lines.append(
+            f"in truth: coverage {truth['coverage']:.1%}, height {1e3 * truth['height']:.1f} mm"
+        )
+    return lines

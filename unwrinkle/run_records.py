@@ -1,0 +1,265 @@
+"""What a run's folder holds: its settings, an action's record, the motion as measured. Plain values."""
+
+import dataclasses as dc
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.models.archive import load_archive, save_archive
+from unwrinkle.models.errors import InputError
+from unwrinkle.planning.trajectory import AXES
+
+Array = NDArray[np.float64]
+
+#: Stages of an action whose wall-clock seconds are kept, in the order in which they happen.
+STAGES = ("render", "stereo", "analysis", "planning", "verification", "motion")
+_MOTION_FORMAT, _VERSION = "unwrinkle.motion", 1
+
+
+def _checked(kind: str, data: Any, schema: type) -> dict[str, Any]:
+    """The mapping's entries that the dataclass knows; refuse one that lacks a field without default."""
+    if not isinstance(data, Mapping):
+        raise InputError(f"{kind}: is {type(data).__name__}, wanted a JSON object")
+    fields = dc.fields(schema)
+    missing = [
+        f.name
+        for f in fields
+        if f.name not in data and f.default is dc.MISSING and f.default_factory is dc.MISSING
+    ]
+    if missing:
+        raise InputError(f"{kind}: {', '.join(missing)} missing")
+    return {f.name: data[f.name] for f in fields if f.name in data}
+
+
+def _figures(kind: str, values: Mapping[str, Any] | None) -> dict[str, float] | None:
+    """Copy of named figures; refuse what is no finite number."""
+    if values is None:
+        return None
+    for name, value in values.items():
+        if not isinstance(value, int | float) or not math.isfinite(value):
+            raise InputError(f"{kind}.{name} is {value!r}, wanted a finite number")
+    return {str(name): float(value) for name, value in values.items()}
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """What a run was asked to do.
+
+    Attributes:
+        garment: outline's name.
+        texture: of the garment.
+        start: how the garment lay at first.
+        seed: of every random choice.
+        sensor: what looked, "stereo" or a depth camera's name.
+        scale: size of the head's pictures, 1 for 16 megapixels.
+        arms: any, dual or single.
+        mode: reading of Eq. 5, foot or paper.
+        actions: most actions.
+        scenario: the whole scenario as YAML text.
+        command: line that started the run.
+    """
+
+    garment: str
+    texture: str
+    start: str
+    seed: int
+    sensor: str
+    scale: float
+    arms: str
+    mode: str
+    actions: int
+    scenario: str = ""
+    command: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers and strings."""
+        return dc.asdict(self)
+
+    @classmethod
+    def from_json(cls, data: Any) -> "RunSettings":
+        """Read what `to_json` wrote; unknown keys are left alone.
+
+        Raises:
+            InputError: no object, or a key is missing.
+        """
+        return cls(**_checked("run settings", data, cls))
+
+
+@dataclass(frozen=True)
+class SegmentMark:
+    """A named part of a motion, from begin to end on the station's clock, s."""
+
+    name: str
+    begin: float
+    end: float
+
+
+@dataclass(frozen=True, eq=False)
+class MotionRecord:
+    """One action's motion as it was measured. All times on the station's clock, s.
+
+    Record the cloth at some 10 frames per second, and only while it moves: one frame of 80 x 80 nodes is 77 kB.
+
+    Attributes:
+        times: (N,) of the samples, never decreasing.
+        measured: (N, 13) axis positions, rad.
+        velocities: (N, 13) axis velocities, rad/s.
+        reference: (N, 13) positions the controller asked for, rad.
+        openings: (N, 2) distance between the blades of the right and the left gripper, m.
+        segments: the motion's named parts, in order.
+        frame_times: (F,) of the cloth's frames, never decreasing.
+        cloth_frames: (F, n, 3) float32, the cloth's vertices in the world, m.
+
+    Raises:
+        InputError: shapes disagree, a number is not finite, or times run backwards.
+    """
+
+    times: Array
+    measured: Array
+    velocities: Array
+    reference: Array
+    openings: Array
+    segments: tuple[SegmentMark, ...] = ()
+    frame_times: Array = field(default_factory=lambda: np.zeros(0))
+    cloth_frames: NDArray[np.float32] = field(
+        default_factory=lambda: np.zeros((0, 0, 3), dtype=np.float32)
+    )
+
+    def __post_init__(self) -> None:
+        """Check, copy and freeze the arrays."""
+        count, frames = np.shape(self.times)[:1], np.shape(self.frame_times)[:1]
+        vertices = np.shape(self.cloth_frames)[1:2]
+        wanted = {
+            "times": count,
+            "measured": (*count, AXES),
+            "velocities": (*count, AXES),
+            "reference": (*count, AXES),
+            "openings": (*count, 2),
+            "frame_times": frames,
+            "cloth_frames": (*frames, *vertices, 3),
+        }
+        for name, shape in wanted.items():
+            kind = np.float32 if name == "cloth_frames" else np.float64
+            value = np.array(getattr(self, name), dtype=kind)
+            if value.shape != shape:
+                raise InputError(f"motion: {name} has shape {value.shape}, wanted {shape}")
+            if not np.isfinite(value).all():
+                where = np.argwhere(~np.isfinite(value))[0].tolist()
+                raise InputError(f"motion: {name}{where} is not a finite number")
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+        for name in ("times", "frame_times"):
+            if np.any(np.diff(getattr(self, name)) < 0.0):
+                raise InputError(f"motion: {name} run backwards")
+
+    @property
+    def begin(self) -> float:
+        """First time, s; 0 for an empty record."""
+        return float(self.times[0]) if len(self.times) else 0.0
+
+    @property
+    def end(self) -> float:
+        """Last time, s; 0 for an empty record."""
+        return float(self.times[-1]) if len(self.times) else 0.0
+
+    def save(self, path: str | Path) -> None:
+        """Write one `.npz`, whole or not at all.
+
+        Raises:
+            InputError: it cannot be written there.
+        """
+        header = {
+            "format": _MOTION_FORMAT,
+            "version": _VERSION,
+            "segments": [dc.asdict(mark) for mark in self.segments],
+        }
+        names = [f.name for f in dc.fields(self) if f.name != "segments"]
+        save_archive(path, header, {name: getattr(self, name) for name in names})
+
+    @classmethod
+    def load(cls, path: str | Path) -> "MotionRecord":
+        """Read what `save` wrote.
+
+        Raises:
+            InputError: missing, damaged, or no motion record; the message names the file.
+        """
+        header, arrays = load_archive(path)
+        if header.get("format") != _MOTION_FORMAT or header.get("version") != _VERSION:
+            raise InputError(f"{path}: is no motion record of version {_VERSION}")
+        try:
+            marks = tuple(SegmentMark(**mark) for mark in header["segments"])
+            return cls(segments=marks, **arrays)
+        except (KeyError, TypeError, ValueError, InputError) as error:
+            raise InputError(f"{path}: is damaged ({error})") from None
+
+
+@dataclass(frozen=True)
+class ActionRecord:
+    """What one action did, and how long its stages took.
+
+    Attributes:
+        index: of the look that it followed.
+        outcome: in a word: done, missed, nothing, refused, flat, fault, ...
+        reason: why, in a sentence; may be empty.
+        wrinkle: index of the wrinkle that was pulled, largest first; None where none was.
+        arms: that took part, "right" and "left".
+        pulls: distance that each of them pulled, m.
+        seconds: wall clock of each stage, s; see `STAGES`.
+        truth_before: the simulated cloth before: coverage (share), height (m), overstretch (ratio); None where
+            there is no truth.
+        truth_after: the same after the action.
+        clearance: smallest one that the verdict found, m.
+        clearance_measured: smallest one along the measured motion, m.
+        following_error: largest distance of an axis from its plan after the lag was taken away, rad.
+        grip_distance_error: largest difference of the grippers' distance from the plan while both held, m.
+        memory: the judgement's memory after the action, as JSON; given back to it when the run goes on.
+
+    Raises:
+        InputError: a figure is not a finite number.
+    """
+
+    index: int
+    outcome: str
+    reason: str = ""
+    wrinkle: int | None = None
+    arms: tuple[str, ...] = ()
+    pulls: Mapping[str, float] = field(default_factory=dict)
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    truth_before: Mapping[str, float] | None = None
+    truth_after: Mapping[str, float] | None = None
+    clearance: float | None = None
+    clearance_measured: float | None = None
+    following_error: float | None = None
+    grip_distance_error: float | None = None
+    memory: Any = None
+
+    def __post_init__(self) -> None:
+        """Check and copy the figures."""
+        object.__setattr__(self, "arms", tuple(self.arms))
+        for name in ("pulls", "seconds", "truth_before", "truth_after"):
+            object.__setattr__(self, name, _figures(f"action {name}", getattr(self, name)))
+        singles = ("clearance", "clearance_measured", "following_error", "grip_distance_error")
+        _figures("action", {n: getattr(self, n) for n in singles if getattr(self, n) is not None})
+
+    @property
+    def total(self) -> float:
+        """All stages together, s."""
+        return float(sum(self.seconds.values()))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain lists, numbers and strings."""
+        return {**dc.asdict(self), "arms": list(self.arms)}
+
+    @classmethod
+    def from_json(cls, data: Any) -> "ActionRecord":
+        """Read what `to_json` wrote; unknown keys are left alone.
+
+        Raises:
+            InputError: no object, a key is missing, or a figure is not a finite number.
+        """
+        return cls(**_checked("action", data, cls))
