@@ -175,8 +175,8 @@ def same_bits(nodes: int, seed: int) -> dict[str, Any]:
 def cost(sizes: tuple[int, ...], rounds: int, seed: int) -> dict[str, Any]:
     """CPU seconds of this thread per simulated second; sizes in turn, so that all see one load.
 
-    On the table: a ridge, kept awake. Pulled: two hands 0.1 m/s apart, one up. Folded: after three
-    pinches, kept awake. Asleep: a call that does nothing.
+    On the table: a ridge, kept awake. Pulled: two hands 0.1 m/s apart, one up. Folded: a dropped
+    towel, kept awake. Asleep: a call that does nothing.
     """
     cases: dict[int, dict[str, Callable[[], object]]] = {}
     details: dict[int, dict[str, float]] = {}

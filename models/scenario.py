@@ -71,6 +71,9 @@ class LoopSettings:
     arms: str = "any"
     # Reading of Eq. 5: foot or paper.
     mode: str = "foot"
+    # Each hand pulls the wrinkle's distance of Eq. 5 times the gain, and the extra more, in m: cloth slides and stretches.
+    pull_gain: float = 1.2
+    pull_extra: float = 0.004
     # A wrinkle higher than this is pulled even if its pull is below the sensor's halting pull; m. The sensor's own noise
     # bounds it from below.
     halting_height: float = 0.004
@@ -175,6 +178,11 @@ class Scenario:
             raise InputError(
                 "scenario: loop actions must be 0 to 1000 and grasp_attempts at least 1, got "
                 f"{self.loop.actions} and {self.loop.grasp_attempts}"
+            )
+        if not (1.0 <= self.loop.pull_gain <= 3.0 and 0.0 <= self.loop.pull_extra <= 0.05):
+            raise InputError(
+                "scenario: loop pull_gain must be 1 to 3 and pull_extra 0 to 0.05 m, got "
+                f"{self.loop.pull_gain:g} and {self.loop.pull_extra:g}"
             )
         if not 0.0 <= self.loop.least_gain < 1.0:
             raise InputError(f"scenario: loop least_gain is {self.loop.least_gain:g}; give 0 to 1")

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
+from unwrinkle.perception.bridging import bridged
 from unwrinkle.perception.bspline import TensorSpline, fit_spline
 from unwrinkle.perception.noise import NoiseProfile
 from unwrinkle.perception.range_map import RangeMap
@@ -266,7 +267,7 @@ def _window(range_map: RangeMap, profile: NoiseProfile) -> tuple[slice, slice, i
 def _binned(
     range_map: RangeMap, rows: slice, columns: slice, stride: int, profile: NoiseProfile
 ) -> tuple[Floats, Floats, Mask]:
-    """Weights, mean heights of blocks of stride x stride cells, and the garment's mask."""
+    """Weights, mean heights of blocks of stride x stride cells, holes bridged, and the mask."""
     garment = range_map.garment[rows, columns].astype(np.uint8)
     size = (garment.shape[1] // stride, garment.shape[0] // stride)
     valid = range_map.valid[rows, columns].astype(np.float32)
@@ -277,7 +278,9 @@ def _binned(
         height = height / np.maximum(valid, 1e-6)
         garment = cv2.resize(garment, size, interpolation=cv2.INTER_NEAREST_EXACT)
     rim = _rim(profile) / (range_map.resolution * stride)
-    weight = np.where(_depth_inside(garment) > rim, valid, np.float32(0.0))
+    inner = _depth_inside(garment) > rim
+    weight = np.where(inner, valid, np.float32(0.0))
+    height, weight = bridged(height, weight, inner, range_map.resolution * stride)
     return weight, height, garment.astype(bool)
 
 

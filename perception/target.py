@@ -8,7 +8,7 @@ them; the types here carry them and check what no planner may be handed.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -127,6 +127,27 @@ class FlatteningTarget:
         ends = [hand.p_WG[:2] + hand.pull_distance * hand.pull_direction for hand in self.hands]
         return float(np.hypot(*(ends[1] - ends[0])))
 
+    def pulled_further(self, gain: float, extra: float) -> FlatteningTarget:
+        """The same pull with each hand going `gain` times as far and `extra` metres more.
+
+        Cloth slides and stretches a little before the last of a wrinkle gives way. No hand goes so far that the grippers
+        would end more than STRETCH_LIMIT x the geodesic distance apart, and none less far than before.
+
+        Raises:
+            InputError: a gain below 1, an extra below 0, or either not finite.
+        """
+        if not (math.isfinite(gain) and math.isfinite(extra) and gain >= 1.0 and extra >= 0.0):
+            raise InputError(f"pull: gain {gain!r} must be 1 or more, extra {extra!r} m 0 or more")
+        begin = [hand.p_WG[:2] + hand.pull_distance * hand.pull_direction for hand in self.hands]
+        more = [(gain - 1.0) * hand.pull_distance + extra for hand in self.hands]
+        wider = more[1] * self.hands[1].pull_direction - more[0] * self.hands[0].pull_direction
+        share = _share_within(begin[1] - begin[0], wider, STRETCH_LIMIT * self.geodesic_distance)
+        hands = [
+            replace(hand, pull_distance=hand.pull_distance + share * further)
+            for hand, further in zip(self.hands, more, strict=True)
+        ]
+        return replace(self, hands=(hands[0], hands[1]))
+
     def to_json(self) -> dict[str, Any]:
         """Return the fields as plain lists and numbers."""
         return {
@@ -157,6 +178,16 @@ class NoTarget:
 
     reason: str
     flat: bool = False
+
+
+def _share_within(begin: Vector, change: Vector, limit: float) -> float:
+    """Largest share, 0 to 1, of a change (2,) that keeps begin + share * change no longer than the limit."""
+    a, b = float(change @ change), float(begin @ change)
+    c = float(begin @ begin) - limit * limit
+    if a + 2.0 * b + c <= 0.0 or a == 0.0:
+        return 1.0
+    root = math.sqrt(max(b * b - a * c, 0.0))
+    return min(max((root - b) / a, 0.0), 1.0)
 
 
 def _demand_keys(data: Any, keys: tuple[str, ...]) -> None:

@@ -103,6 +103,9 @@ def cloth_arrays(
     among[numbers] = np.arange(len(numbers))
     corners = _triangles(cells, ny)
     plane = outline.plane.reshape(-1, 2)
+    triangles, rest = among[corners], plane[numbers]
+    for value in (numbers, triangles, rest):  # handed out as they are
+        value.flags.writeable = False
     return ClothArrays(
         rows=rows,
         turned=turned,
@@ -110,9 +113,9 @@ def cloth_arrays(
         inverse_mass=free.ravel(),
         numbers=numbers,
         places=places_of(numbers, ny),
-        triangles=among[corners],
+        triangles=triangles,
         triangle_places=places_of(corners, ny),
-        rest=plane[numbers],
+        rest=rest,
         centres=plane[corners].mean(axis=1),
     )
 

@@ -41,8 +41,8 @@ class Outline:
 
     Attributes:
         name: of the garment.
-        mask: (nx, ny); True where there is cloth. The first axis runs along the garment's x (to its
-            left hand side, seen from above with the collar up, x is to the right), the second along y.
+        mask: (nx, ny); True where there is cloth. The first axis runs along x, the second along y: seen
+            from above with the collar or waist up, x points right and y up.
         spacing: of the nodes, m.
     """
 

@@ -9,6 +9,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.capture import range_map_from_capture
+from unwrinkle.perception.noise import noise_profile
 from unwrinkle.systems.latest import Latest
 from unwrinkle.systems.ports import DepthImage
 from unwrinkle.systems.results import Perceived
@@ -51,18 +52,19 @@ class DepthPerception(LeafSystem):
         number = image.number
         if number == 0:
             return Perceived(reason="nothing was looked at yet")
-        clock = time.perf_counter()
+        clock, unseen = time.perf_counter(), 0.0
         try:
             if image.capture is None:
                 raise InputError(
                     f"look {number}: the depth camera returned nothing"
                     f"{': ' if image.reason else ''}{image.reason}"
                 )
+            unseen = noise_profile(image.capture.camera.sensor).garment_height
             found = range_map_from_capture(
                 image.capture, centre=self._centre, table_height=self._height, seed=self._seed
             )
         except InputError as error:
-            return failed(number, error, clock)
+            return failed(number, error, clock, unseen=unseen)
         return Perceived(number, found, seconds=time.perf_counter() - clock)
 
 

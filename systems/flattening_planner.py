@@ -26,6 +26,7 @@ class FlatteningPlanner(LeafSystem):
         """Build the planner's models of the cell (a second or so)."""
         super().__init__()
         self._planner = planner.FlatteningPlanner(cell, settings)
+        self._rules = cell.scenario.loop
         analysis = self.DeclareAbstractInputPort("analysis", AbstractValue.Make(Analysed()))
         request = self.DeclareAbstractInputPort("request", AbstractValue.Make(PlanRequest()))
         self.DeclareAbstractOutputPort(
@@ -60,6 +61,7 @@ class FlatteningPlanner(LeafSystem):
             target = analysed.analysis.target_for(request.wrinkle)
             if isinstance(target, NoTarget):
                 return refused(target.reason)
+            target = target.pulled_further(self._rules.pull_gain, self._rules.pull_extra)
             result = self._planner.plan(target, start=request.start, arms=request.arms)
         except InputError as error:
             return refused(" ".join(str(error).split()))

@@ -5,6 +5,7 @@
 - A grasp that missed is tried again some times, then the wrinkle is left aside.
 - Two actions in a row that changed nothing: the next wrinkle; a third: one arm; a fourth: give up.
 - What was left aside counts again once an action has changed something.
+- Nothing usable in two looks in a row: stop.
 """
 
 import dataclasses as dc
@@ -25,6 +26,9 @@ NEXT_WRINKLE, ONE_ARM, GIVE_UP = 2, 3, 4
 
 #: Looks in a row that showed nothing usable, after which the loop stops.
 BLIND_LOOKS = 2
+
+#: A single layer of a garment is not thicker than this, m: what a sensor must tell from the table to see a flat one.
+THICKEST_LAYER = 0.003
 
 #: A garment with more than this share of its seen area beyond the table's edges is not worked on.
 MOST_BEYOND = 0.5
@@ -68,16 +72,6 @@ class Sight(Shared):
     halting_pull: float = 0.005
     beyond: float = 0.0
 
-    @property
-    def largest(self) -> float:
-        """Greatest volume, mm^3."""
-        return max((wrinkle.volume for wrinkle in self.wrinkles), default=0.0)
-
-    @property
-    def total(self) -> float:
-        """Sum of all volumes, mm^3."""
-        return sum(wrinkle.volume for wrinkle in self.wrinkles)
-
     def worth_pulling(self, halting_height: float) -> list[SeenWrinkle]:
         """Wrinkles that ask for the halting pull or are higher than this (m), largest first."""
         return [
@@ -85,6 +79,14 @@ class Sight(Shared):
             for wrinkle in self.wrinkles
             if wrinkle.pull >= self.halting_pull or wrinkle.height > halting_height
         ]
+
+    def volumes(self, halting_height: float) -> tuple[float, float]:
+        """Greatest volume and sum of the volumes of the wrinkles worth pulling, mm^3.
+
+        The low ones do not count: from look to look the sensor's noise makes some and takes others away.
+        """
+        volumes = [wrinkle.volume for wrinkle in self.worth_pulling(halting_height)]
+        return max(volumes, default=0.0), sum(volumes)
 
 
 def sight_of(analysis: Analysis) -> Sight:
@@ -152,7 +154,7 @@ class Pulled(Shared):
 
     Attributes:
         centre, angle, arms: of what was pulled.
-        largest, total: volumes before it, mm^3.
+        largest, total: volumes of what was worth pulling before it, mm^3; see `Sight.volumes`.
         missed: a gripper had no cloth.
         judged: whether its effect was seen already.
     """
@@ -217,8 +219,8 @@ class Memory(Shared):
 def looked(memory: Memory, sight: Sight, rules: LoopSettings) -> Memory:
     """Remember a look that showed the garment, and what the last action had changed.
 
-    An action has changed something if the largest wrinkle or all of them together have lost at least the share
-    `least_gain` of their volume: of two alike wrinkles one may go without the largest becoming smaller.
+    An action has changed something if the largest wrinkle, or all that are worth pulling together, have lost at least
+    the share `least_gain` of their volume: of two alike wrinkles one may go without the largest becoming smaller.
     """
     memory = dc.replace(memory, looks=memory.looks + 1, blind=0)
     last = memory.last
@@ -228,7 +230,8 @@ def looked(memory: Memory, sight: Sight, rules: LoopSettings) -> Memory:
     if last.missed:
         return memory
     kept = 1.0 - rules.least_gain
-    if sight.largest <= kept * last.largest or sight.total <= kept * last.total:
+    largest, total = sight.volumes(rules.halting_height)
+    if largest <= kept * last.largest or total <= kept * last.total:
         return dc.replace(memory, idle=0, misses=0, tried=())
     memory = dc.replace(memory, idle=memory.idle + 1)
     if memory.idle < NEXT_WRINKLE:
@@ -237,11 +240,29 @@ def looked(memory: Memory, sight: Sight, rules: LoopSettings) -> Memory:
     return _aside(memory, last.centre, last.angle, last.arms, reason)
 
 
-def blinded(memory: Memory, reason: str) -> tuple[Memory, Stop | None]:
-    """Remember a look that showed nothing usable; and whether that ends the loop."""
+def blinded(
+    memory: Memory, reason: str, *, empty: bool = False, unseen: float = 0.0
+) -> tuple[Memory, Stop | None]:
+    """Remember a look that showed nothing usable; and whether that ends the loop.
+
+    A sensor that does not tell a single layer from the table sees no garment that is flat. So a table that is
+    empty to it, where it saw a garment that was then pulled by millimetres, has a flat one on it.
+
+    Args:
+        memory: before.
+        reason: why nothing was seen.
+        empty: the table was seen, and nothing on it.
+        unseen: height of a garment that the sensor does not tell from the table, m.
+    """
     memory = dc.replace(memory, looks=memory.looks + 1, blind=memory.blind + 1)
     if memory.blind < BLIND_LOOKS:
         return memory, None
+    if empty and unseen > THICKEST_LAYER and memory.last is not None:
+        return memory, Stop(
+            True,
+            f"flat as far as this sensor sees: nothing stands {1e3 * unseen:.1f} mm above the table "
+            "any more",
+        )
     return memory, Stop(False, f"nothing usable seen in {memory.blind} looks: {reason}")
 
 
@@ -308,13 +329,12 @@ def carried_out(
         and _same(memory.last.centre, memory.last.angle, wrinkle)
     )
     misses = (memory.misses if again else 0) + 1 if missed else 0
+    largest, total = sight.volumes(rules.halting_height)
     memory = dc.replace(
         memory,
         actions=memory.actions + 1,
         misses=misses,
-        last=Pulled(
-            wrinkle.centre, wrinkle.angle, pull.arms, sight.largest, sight.total, missed=missed
-        ),
+        last=Pulled(wrinkle.centre, wrinkle.angle, pull.arms, largest, total, missed=missed),
     )
     if misses < rules.grasp_attempts:
         return memory

@@ -202,7 +202,9 @@ class Procedure:
         return entered(now, states.DECIDE, feedback)
 
     def _blind(self, now: Situation, feedback: Feedback, reason: str) -> Situation:
-        memory, stop = judgement.blinded(now.memory, reason)
+        perceived = now.action.perceived
+        empty, unseen = (False, 0.0) if perceived is None else (perceived.empty, perceived.unseen)
+        memory, stop = judgement.blinded(now.memory, reason, empty=empty, unseen=unseen)
         now = replace(now, memory=memory)
         if stop is not None:
             return stopped(now, stop, feedback)

@@ -37,6 +37,7 @@ class Perceived(Shared):
         range_map: of the garment; None where there is none.
         reason: why there is none; else empty.
         empty: the table was seen, and no garment on it.
+        unseen: a garment lower than this the sensor does not tell from the table, m.
         seconds: of computing, wall clock.
     """
 
@@ -44,6 +45,7 @@ class Perceived(Shared):
     range_map: RangeMap | None = None
     reason: str = ""
     empty: bool = False
+    unseen: float = 0.0
     seconds: float = 0.0
 
 

@@ -10,6 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.head import StereoHead
+from unwrinkle.perception.noise import noise_profile
 from unwrinkle.perception.stereo_capture import KnownTable, range_map_from_pair
 from unwrinkle.perception.stereo_pair import StereoPair
 from unwrinkle.systems.latest import Latest
@@ -18,6 +19,8 @@ from unwrinkle.systems.results import Perceived
 
 #: How perception's message begins where the table is bare.
 NO_GARMENT = "no garment found"
+#: Height of a garment that a stereo pair does not tell from the table, m.
+UNSEEN = noise_profile("stereo-head").garment_height
 
 _log = logging.getLogger(__name__)
 
@@ -29,18 +32,20 @@ def known_table(cell: Cell) -> KnownTable:
     return KnownTable((x, y), (width, depth), height)
 
 
-def failed(number: int, error: InputError, clock: float) -> Perceived:
+def failed(number: int, error: InputError, clock: float, *, unseen: float) -> Perceived:
     """What is handed on where perception refuses a look.
 
     Args:
         number: of the look.
         error: that it ended with.
         clock: `time.perf_counter` when it began.
+        unseen: height of a garment that the sensor does not tell from the table, m.
     """
     reason = " ".join(str(error).split())
     _log.info("look %d: %s", number, reason)
     seconds = time.perf_counter() - clock
-    return Perceived(number, None, reason, empty=NO_GARMENT in reason, seconds=seconds)
+    empty = NO_GARMENT in reason
+    return Perceived(number, None, reason, empty=empty, unseen=unseen, seconds=seconds)
 
 
 class StereoPerception(LeafSystem):
@@ -108,7 +113,7 @@ class StereoPerception(LeafSystem):
                 seed=self._seed,
             )
         except InputError as error:
-            return failed(number, error, clock)
+            return failed(number, error, clock, unseen=UNSEEN)
         return Perceived(number, found, seconds=time.perf_counter() - clock)
 
 

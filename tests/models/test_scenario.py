@@ -23,6 +23,8 @@ from unwrinkle.models.scenario import Scenario, load_scenario, with_sensor
         ("loop", "halting_height", math.nan, "halting_height is nan"),
         ("loop", "actions", -1, "actions must be 0 to 1000"),
         ("loop", "grasp_attempts", 0, "grasp_attempts at least 1"),
+        ("loop", "pull_gain", 0.5, "pull_gain must be 1 to 3"),
+        ("loop", "pull_extra", math.nan, "pull_extra 0 to 0.05"),
         ("loop", "least_gain", 1.0, "least_gain is 1"),
         ("station", "form", "dream", "station form 'dream'"),
         ("station", "plant_step", 0.0, "plant_step is 0"),

@@ -82,3 +82,24 @@ def test_unknown_and_missing_fields_are_named():
         FlatteningTarget.from_json(data)
     with pytest.raises(InputError):
         FlatteningTarget.from_json(np.zeros(3))
+
+
+def test_pulling_further_adds_to_both_hands_alike():
+    further = target().pulled_further(1.2, 0.001)
+    assert [h.pull_distance for h in further.hands] == pytest.approx([0.013, 0.013])
+    assert target().pulled_further(1.0, 0.0).to_json() == target().to_json()
+
+
+def test_pulling_further_stops_at_the_stretch_limit():
+    further = target().pulled_further(3.0, 0.05)
+    assert further.final_grip_distance == pytest.approx(STRETCH_LIMIT * 0.42, abs=1e-9)
+    assert further.hands[0].pull_distance == pytest.approx(further.hands[1].pull_distance)
+    assert target(geodesic_distance=0.42 / STRETCH_LIMIT).pulled_further(2.0, 0.01).hands[
+        0
+    ].pull_distance == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("how", [(0.9, 0.0), (1.0, -0.001), (float("nan"), 0.0)])
+def test_pulling_less_far_is_refused(how):
+    with pytest.raises(InputError, match="gain"):
+        target().pulled_further(*how)

@@ -272,6 +272,32 @@ def test_a_bad_settling_speed_is_refused(cloth: Cloth, speed: float) -> None:
         cloth.settle(cloth.flat(CENTRE), 1.0, speed)
 
 
+def test_its_arrays_are_read_only(cloth: Cloth) -> None:
+    for value in (cloth.numbers, cloth.triangles, cloth.rest):
+        with pytest.raises(ValueError, match="read-only"):
+            value[0] = 0
+
+
+def test_a_sharp_bend_is_remembered_and_a_slight_one_is_not() -> None:
+    # A strip held level at one end; turned gravity bends it up or down, then is taken away.
+    away = Support((9.0, 9.0), (0.1, 0.1), 0.1)
+    patch = Outline("patch", np.ones((12, 9), dtype=bool), 0.005)
+    terry = load_material("terry").changed(air_drag=30.0)
+    plane = patch.plane.reshape(-1, 2)
+    positions = np.vstack([plane.T, np.full(108, 1.0)])
+    flat = ClothState(0.0, positions, np.zeros((3, 108)), np.zeros((4, 108)))
+    left = []
+    for pull in (0.5, 20.0):
+        pulled = Cloth(patch, terry, away, gravity=(0.0, 0.0, -pull), clamped=range(18))
+        free = Cloth(patch, terry, away, gravity=(0.0, 0.0, 0.0), clamped=range(18))
+        bent = pulled.advance(flat, 2.0)
+        after = free.advance(dc.replace(bent, asleep=False), 3.0)
+        left.append(1.0 - float(after.positions[2, -9:].mean()))
+        assert bent.positions[2, -9:].mean() < 1.0 - 1.5 * left[-1]
+    assert abs(left[0]) < 4e-4  # of 5 mm; it falls asleep before the last bit
+    assert left[1] > 1e-3
+
+
 def test_the_boundary_is_the_garments_border() -> None:
     cloth = Cloth(outline("tshirt", 60), load_material("jersey"), TABLE)
     mask = cloth.outline.mask

@@ -131,6 +131,12 @@ def test_a_change_ends_the_count() -> None:
     assert looked(acted(SIGHT, memory), alike, RULES).idle == 2
 
 
+def test_low_wrinkles_come_and_go_without_a_change() -> None:
+    many = Sight((A, *(dc.replace(LOW, index=k, volume=9_000.0) for k in range(1, 9))))
+    memory = acted(many, Memory())
+    assert looked(memory, Sight((A,)), RULES).idle == 1
+
+
 def test_an_action_is_judged_once() -> None:
     memory = looked(acted(SIGHT, Memory()), SIGHT, RULES)
     assert looked(memory, SIGHT, RULES).idle == 1
@@ -150,6 +156,19 @@ def test_nothing_seen_twice_ends() -> None:
     assert looked(memory, SIGHT, RULES).blind == 0
     memory, ended = blinded(memory, "dark")
     assert ended is not None and "2 looks: dark" in ended.reason
+
+
+@pytest.mark.parametrize(
+    ("unseen", "acted_before", "flat"),
+    [(0.005, True, True), (0.005, False, False), (0.0012, True, False)],
+)
+def test_a_sensor_that_sees_no_single_layer(unseen: float, acted_before: bool, flat: bool) -> None:
+    memory = acted(SIGHT, Memory()) if acted_before else Memory()
+    memory, _ = blinded(memory, "no garment found", empty=True, unseen=unseen)
+    _, ended = blinded(memory, "no garment found", empty=True, unseen=unseen)
+    assert ended is not None and ended.flat == flat
+    _, ended = blinded(memory, "the camera returned nothing", unseen=unseen)
+    assert ended is not None and not ended.flat
 
 
 _numbers = st.floats(-2.0, 2.0)
