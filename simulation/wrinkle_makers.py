@@ -1,6 +1,7 @@
 """Wrinkled starting states of a simulated garment, each from a seed or from its dimensions."""
 
 import dataclasses as dc
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,13 +10,15 @@ from scipy.optimize import brentq
 from unwrinkle.models.errors import InputError
 from unwrinkle.simulation.cloth import Cloth
 from unwrinkle.simulation.cloth_hands import carry, let_go, take
+from unwrinkle.simulation.cloth_measures import overstretch
 from unwrinkle.simulation.cloth_state import ClothState
 
 STARTS = ("bunched", "ridge", "pinched", "dropped", "flat")
 Centre = tuple[float, float]
 
 _SETTLING = 5e-3  # m/s: between one push and the next
-_MOST_TRIES = 20  # pushes drawn anew because they would leave the cloth's middle part
+_MOST_TRIES = 20  # pushes drawn anew because they would leave the cloth's middle part, or jam it
+_JAMMED = 0.015  # overstretch that is left where cloth is locked in its own folds
 
 
 def ridge(
@@ -71,7 +74,9 @@ def ridge(
 def bunched(cloth: Cloth, centre: Centre, seed: int, pinches: int = 5) -> ClothState:
     """Return the cloth after two fingers pushed it together at `pinches` random places.
 
-    It lies nearly as wide as flat, with two to four wrinkles that cross, 20-30 mm high on a towel.
+    It lies nearly as wide as flat, with two to four wrinkles that cross, 20-30 mm high on a towel. A push that jams the
+    cloth in its own folds is taken back and another one drawn: contact of the cloth with itself knows vertices and
+    triangles, not edges, and such knots do not open again as a towel's would.
 
     Raises:
         InputError: bad centre, seed or number.
@@ -88,20 +93,27 @@ def bunched(cloth: Cloth, centre: Centre, seed: int, pinches: int = 5) -> ClothS
             e = np.array([np.cos(angle), np.sin(angle)])
             # The fingers come down where the cloth is, higher parts first.
             points = [_under(cloth, state, middle + sign * 0.5 * apart * e) for sign in (1, -1)]
-            if all(point is not None for point in points):
+            if any(point is None for point in points):
+                continue
+            push = 0.5 * closing * np.append(e, 0.0)
+            bunch = _pushed_together(cloth, state, points, push)
+            if overstretch(cloth, bunch) <= _JAMMED:
+                state = bunch
                 break
-        else:
-            continue
-        for hand, point in enumerate(points):
-            if point is not None:
-                state = take(cloth, state, hand, point)
-        up = np.array([0.0, 0.0, 0.004])
-        push = 0.5 * closing * np.append(e, 0.0)
-        state = carry(cloth, state, (up, up), 0.1)
-        state = carry(cloth, state, (-push, push), 0.5)
-        state = carry(cloth, state, (-up, -up), 0.1)
-        state = cloth.settle(let_go(cloth, state), 1.0, _SETTLING)
     return cloth.settle(state)
+
+
+def _pushed_together(
+    cloth: Cloth, state: ClothState, points: list[Any], push: NDArray[np.float64]
+) -> ClothState:
+    """The cloth after two fingers at points (3,), m, moved by -push and +push (3,), m, and let go."""
+    for hand, point in enumerate(points):
+        state = take(cloth, state, hand, point)
+    up = np.array([0.0, 0.0, 0.004])
+    state = carry(cloth, state, (up, up), 0.1)
+    state = carry(cloth, state, (-push, push), 0.5)
+    state = carry(cloth, state, (-up, -up), 0.1)
+    return cloth.settle(let_go(cloth, state), 1.0, _SETTLING)
 
 
 def pinched(cloth: Cloth, centre: Centre, seed: int, pinches: int = 5) -> ClothState:
