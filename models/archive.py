@@ -1,6 +1,7 @@
 """Arrays plus a JSON header in one `.npz`: how value types save and load. Pickle is refused."""
 
 import json
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -14,6 +15,19 @@ from unwrinkle.models.errors import InputError
 from unwrinkle.models.files import atomic_path
 
 _HEADER = "header"
+
+
+#: What NumPy raises over damaged archives; the last two over a header that is no Python literal any more.
+_DAMAGED = (
+    zipfile.BadZipFile,
+    EOFError,
+    OSError,
+    ValueError,
+    KeyError,
+    zlib.error,
+    SyntaxError,
+    tokenize.TokenError,
+)
 
 
 def save_archive(
@@ -48,7 +62,7 @@ def load_archive(path: str | Path) -> tuple[dict[str, Any], dict[str, NDArray[An
             if not isinstance(stored, np.lib.npyio.NpzFile):
                 raise InputError(f"{path}: is a bare array, not an .npz archive")
             arrays = {key: stored[key] for key in stored.files}
-    except (zipfile.BadZipFile, EOFError, OSError, ValueError, KeyError, zlib.error) as error:
+    except _DAMAGED as error:
         reason = "holds pickled objects" if "pickle" in str(error).lower() else "damaged"
         raise InputError(
             f"{path}: cannot be read as .npz ({reason} or truncated); copy or record it again"

@@ -22,7 +22,7 @@ class MotionShape:
     touch_distance: float = 0.060
     back_off: float = 0.050
     height: float = 0.120
-    lift: float = 0.030
+    lift: float = 0.015
     table_gap: float = 0.003
     free_distance: float = 0.050
     leave_distance: float = 0.080

@@ -1,11 +1,13 @@
 """Files are written whole or not at all."""
 
 import json
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from unwrinkle.models.archive import load_archive
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.files import atomic_path, write_json, write_text
 
@@ -65,3 +67,15 @@ def test_json_refuses_what_has_no_form(tmp_path: Path) -> None:
     with pytest.raises(TypeError, match="object has no form in JSON"):
         write_json(tmp_path / "r.json", {"a": object()})
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("header", [b"{'descr': '<f8', (", b"{'descr': \x00}", b"[[["])
+def test_an_archive_with_a_damaged_array_header_is_refused(tmp_path: Path, header: bytes) -> None:
+    """NumPy reads old headers as Python, and what is none raised errors of the tokenizer."""
+    text = header.ljust(117) + b"\n"
+    member = b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text
+    path = tmp_path / "plan.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("times.npy", member)
+    with pytest.raises(InputError, match=r"plan\.npz: cannot be read"):
+        load_archive(path)
