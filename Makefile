@@ -14,14 +14,14 @@ INSTALLED := $(CURDIR)/build/installed
 .PHONY: help flatten test lint type bench format clean installed
 
 help:
-	@echo "make flatten   plan a flattening motion for the shipped capture, and name the page that shows it"
+	@echo "make flatten   flatten a crumpled towel in the simulated cell, live in the browser, and name the report"
 	@echo "make test      lint, type check, and all tests"
 	@echo "make format    format and mend what ruff can"
 	@echo "make bench     run every benchmark and write docs/results (long; QUICK=1 for a smaller sample)"
 	@echo "make clean     remove what was built (and .venv)"
 
 flatten: $(VENV)/ready
-	$(BIN)/unwrinkle plan models/captures/towel.npz
+	$(BIN)/unwrinkle flatten
 
 test: lint type
 	PYTHONPATH=$(INSTALLED) $(BIN)/pytest

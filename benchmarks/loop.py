@@ -59,6 +59,8 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
         "coverage_least": min(row["coverage"] for row in rows),
         "dual_share": float(np.mean([len(action["arms"]) == 2 for action in actions])),
         "unverified_motions": sum(row["unverified"] for row in rows),
+        "violations": sum(len(row["violations"]) for row in rows),
+        "overstretch_worst": max(row["overstretch"] for row in rows),
         "following_error_worst": _worst(actions, "following_error"),
         "grip_distance_error_worst": _worst(actions, "grip_distance_error"),
         "clearance_short_worst": max(
@@ -92,6 +94,7 @@ def _row(run: Run) -> dict[str, Any]:
             (action["truth_after"]["overstretch"] for action in run.pulls), default=0.0
         ),
         "unverified": run.unverified(),
+        "violations": [text for action in run.pulls for text in action["violations"]],
         "seconds": [sum(action["seconds"].values()) for action in run.pulls],
     }
 
@@ -132,6 +135,11 @@ def table(results: dict[str, Any]) -> str:
         ),
         f"| least coverage | 98 % | {100 * results['coverage_least']:.1f} % |",
         f"| motions without a verdict | 0 | {results['unverified_motions']} |",
+        f"| limits and clearances broken by measured motions | 0 | {results['violations']} |",
+        (
+            "| overstretch of the cloth after an action, worst | 10 % | "
+            f"{100 * results['overstretch_worst']:.1f} % |"
+        ),
         (
             f"| actions per towel, mean (std) | | {results['actions_mean']:.1f} "
             f"({results['actions_std']:.2f}) |"
@@ -178,7 +186,7 @@ def table(results: dict[str, Any]) -> str:
 
 
 def _rows(rows: list[dict[str, Any]]) -> list[str]:
-    return [
+    lines = [
         "| run | ended | actions (dual, missed) | true height, mm | coverage, % | overstretch, % | wall, s |",
         "|---|---|---|---|---|---|---|",
         *(
@@ -189,5 +197,6 @@ def _rows(rows: list[dict[str, Any]]) -> list[str]:
             for row in rows
         ),
         "",
-        *(f"- {row['name']}: {row['reason']}" for row in rows if row["status"] != "flat"),
     ]
+    lines += [f"- {row['name']}: {row['reason']}" for row in rows if row["status"] != "flat"]
+    return lines

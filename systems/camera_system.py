@@ -168,7 +168,10 @@ class CameraSystem(LeafSystem):
     ) -> DepthImage:
         if fault == "nothing":
             return DepthImage(number, None, now, "the depth camera gave no picture")
-        capture = self._photographer.depth(posture, cloth, seed)
+        try:
+            capture = self._photographer.depth(posture, cloth, seed)
+        except InputError as error:  # nothing in range: no picture
+            return DepthImage(number, None, now, str(error))
         if fault:
             rng = np.random.default_rng(seed)
             depth = np.zeros_like(capture.depth)

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from unwrinkle.perception.head import Eye, StereoHead
 from unwrinkle.perception.pose import Pose
 from unwrinkle.simulation.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth_mesh import ClothMesh
+from unwrinkle.simulation.depth_cameras import depth_image, load_depth_camera
 from unwrinkle.simulation.garments import overhead_pose
 from unwrinkle.simulation.image_noise import (
     SensorModel,
@@ -62,6 +64,10 @@ class CellPhotographer:
             texture=garment.texture,
             seed=seed,
         )
+        # Each kind of camera sees from another distance on.
+        self._depth_camera = (
+            load_depth_camera(sensor.depth_camera) if sensor.kind == "depth" else None
+        )
         self._renderer: Renderer | None = None
         self._drawn: ClothState | None = None
 
@@ -93,17 +99,18 @@ class CellPhotographer:
 
     def depth(self, posture: Posture, state: ClothState, seed: int) -> Capture:
         """Photograph with the scenario's depth camera, fixed over the table."""
-        from unwrinkle.simulation.depth_cameras import depth_image, load_depth_camera
-
-        sensor = self._cell.scenario.sensor
-        x, y, z = sensor.depth_camera_place
-        camera = load_depth_camera(sensor.depth_camera)
-        return depth_image(self._scene(posture, state), camera, overhead_pose(x, y, z), seed)
+        assert self._depth_camera is not None
+        x, y, z = self._cell.scenario.sensor.depth_camera_place
+        scene = self._scene(posture, state)
+        return depth_image(scene, self._depth_camera, overhead_pose(x, y, z), seed)
 
     def _scene(self, posture: Posture, state: ClothState) -> Renderer:
         if self._renderer is None:
             mesh = self._mesh.mesh(self._cloth.vertices(state))
-            self._renderer = Renderer(self._cell, [mesh], posture=posture.axes, head=posture.head)
+            renderer = partial(Renderer, self._cell, [mesh])
+            if self._depth_camera is not None:
+                renderer = partial(renderer, near=self._depth_camera.near_plane)
+            self._renderer = renderer(posture=posture.axes, head=posture.head)
         else:
             if state is not self._drawn:
                 mesh = self._mesh.mesh(self._cloth.vertices(state))

@@ -10,6 +10,7 @@ from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.capture import range_map_from_capture
 from unwrinkle.perception.noise import noise_profile
+from unwrinkle.perception.over_table import over_table
 from unwrinkle.systems.latest import Latest
 from unwrinkle.systems.ports import DepthImage
 from unwrinkle.systems.results import Perceived
@@ -33,6 +34,8 @@ class DepthPerception(LeafSystem):
         super().__init__()
         x, y = cell.scenario.garment_centre
         self._centre, self._height = (x, y), float(cell.table_centre[2])
+        across, along = cell.scenario.table.size
+        self._table_centre, self._table_size = cell.table_centre, (across, along)
         self._seed = seed
         port = self.DeclareAbstractInputPort("image", AbstractValue.Make(DepthImage()))
         tickets = {self.input_port_ticket(port.get_index())}
@@ -60,8 +63,10 @@ class DepthPerception(LeafSystem):
                     f"{': ' if image.reason else ''}{image.reason}"
                 )
             unseen = noise_profile(image.capture.camera.sensor).garment_height
+            # From above the floor may fill more of the view than the table does.
+            table = over_table(image.capture, self._table_centre, self._table_size)
             found = range_map_from_capture(
-                image.capture, centre=self._centre, table_height=self._height, seed=self._seed
+                table, centre=self._centre, table_height=self._height, seed=self._seed
             )
         except InputError as error:
             return failed(number, error, clock, unseen=unseen)

@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.flattening_run import Seconds
-from unwrinkle.motion_check import MotionCheck, MotionFigures
+from unwrinkle.models.robot import Cell
+from unwrinkle.motion_check import check_motion
+from unwrinkle.planning.execution import ExecutionCheck
 from unwrinkle.run_folder import ActionRecord, MotionRecord, RunFolder, SegmentMark
 from unwrinkle.station_view import StationView
 from unwrinkle.systems import supervisor_state as states
@@ -29,20 +31,20 @@ class _Done:
     action: Action
     seconds: dict[str, float]
     truth: dict[str, float] | None
-    figures: MotionFigures
+    check: ExecutionCheck | None
 
 
 class Recorder:
     """A watcher that fills a run's folder."""
 
-    def __init__(self, folder: RunFolder, check: MotionCheck) -> None:
+    def __init__(self, folder: RunFolder, cell: Cell) -> None:
         """Write to a folder.
 
         Args:
             folder: of the run.
-            check: says how well a motion kept to its plan.
+            cell: where motions are compared with their plans.
         """
-        self._folder, self._check = folder, check
+        self._folder, self._cell = folder, cell
         self._done: _Done | None = None
         self._truth: dict[str, float] | None = None
         self._actions: list[ActionRecord] = []
@@ -130,13 +132,13 @@ class Recorder:
             self._motion.save(self._folder, action, station)
             return
         motion = self._motion.save(self._folder, action, station)
-        figures = MotionFigures()
+        check = None
         planned = action.planned
         if motion is not None and planned is not None and planned.result is not None:
             assert planned.result.plan is not None
-            figures = self._check.figures(motion, planned.result.plan)
+            check = check_motion(motion, planned.result.plan, self._cell)
         self._close(station)
-        self._done = _Done(action, _stages(action, seconds), self._truth, figures)
+        self._done = _Done(action, _stages(action, seconds), self._truth, check)
         if now.over:
             self._close(station)
 
@@ -219,7 +221,7 @@ def _stages(action: Action, seconds: Seconds) -> dict[str, float]:
 
 
 def _record(done: _Done, truth_after: dict[str, float] | None) -> ActionRecord:
-    action, figures = done.action, done.figures
+    action, check = done.action, done.check
     pulls: dict[str, float] = {}
     clearance = None
     planned, verified = action.planned, action.verified
@@ -242,8 +244,9 @@ def _record(done: _Done, truth_after: dict[str, float] | None) -> ActionRecord:
         truth_before=done.truth,
         truth_after=truth_after,
         clearance=clearance,
-        clearance_measured=figures.clearance,
-        following_error=figures.following_error,
-        grip_distance_error=figures.grip_distance_error,
+        clearance_measured=None if check is None else check.clearance,
+        following_error=None if check is None else check.error_after_lag,
+        grip_distance_error=None if check is None else check.grip_distance_error,
+        violations=() if check is None else check.violations,
         memory=action.memory.to_json(),
     )

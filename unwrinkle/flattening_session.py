@@ -12,7 +12,6 @@ from unwrinkle.flattening_run import Ending, FlatteningRun, Watcher, caught_inte
 from unwrinkle.flattening_setup import SENSORS, Loop, build_loop, scenario_text, with_choices
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import Scenario, load_scenario
-from unwrinkle.motion_check import MotionCheck
 from unwrinkle.run_folder import RunFolder, RunSettings, command_line
 from unwrinkle.run_replay import write_replay
 from unwrinkle.run_report import write_report
@@ -66,7 +65,7 @@ class Session:
             Exception: what ended the run otherwise, after the arms came to rest and the folder was finished.
         """
         clock = time.perf_counter()
-        recorder = Recorder(self.folder, MotionCheck(self.loop.cell))
+        recorder = Recorder(self.folder, self.loop.cell)
         with caught_interrupts() as interrupts:
             run = FlatteningRun(self.loop, (recorder, *watchers))
             try:

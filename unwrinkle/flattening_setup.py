@@ -11,7 +11,7 @@ from pydrake.systems.framework import Diagram
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell, load_cell
-from unwrinkle.models.scenario import Scenario
+from unwrinkle.models.scenario import Scenario, with_sensor
 from unwrinkle.perception.head import StereoHead
 from unwrinkle.perception.head_file import nominal_calibration
 from unwrinkle.simulation.cloth import Cloth, ClothState, Support
@@ -78,8 +78,7 @@ def with_choices(
         sensor=changed(scenario.sensor, kind=kind, depth_camera=camera, scale=scale),
         loop=changed(scenario.loop, arms=arms, mode=mode, actions=actions),
     )
-    result.validate()
-    return result
+    return with_sensor(result, result.sensor.kind)
 
 
 def scenario_text(scenario: Scenario, name: str = "Run") -> str:

@@ -213,6 +213,7 @@ def _measured(action: ActionRecord) -> list[tuple[str, str]]:
     rows: list[tuple[str, str]] = []
     if action.clearance_measured is not None:
         rows.append(("clearance in execution", f"{1e3 * action.clearance_measured:.1f} mm"))
+    rows += [("violation", text) for text in action.violations]
     if action.following_error is not None:
         rows.append(("following error", f"{1e3 * action.following_error:.2f} mrad"))
     if action.grip_distance_error is not None:

@@ -217,6 +217,7 @@ class ActionRecord:
         clearance_measured: smallest one along the measured motion, m.
         following_error: largest distance of an axis from its plan after the lag was taken away, rad.
         grip_distance_error: largest difference of the grippers' distance from the plan while both held, m.
+        violations: limits and clearances that the measured motion broke, in words.
         memory: the judgement's memory after the action, as JSON; given back to it when the run goes on.
 
     Raises:
@@ -236,11 +237,13 @@ class ActionRecord:
     clearance_measured: float | None = None
     following_error: float | None = None
     grip_distance_error: float | None = None
+    violations: tuple[str, ...] = ()
     memory: Any = None
 
     def __post_init__(self) -> None:
         """Check and copy the figures."""
-        object.__setattr__(self, "arms", tuple(self.arms))
+        for name in ("arms", "violations"):
+            object.__setattr__(self, name, tuple(str(text) for text in getattr(self, name)))
         for name in ("pulls", "seconds", "truth_before", "truth_after"):
             object.__setattr__(self, name, _figures(f"action {name}", getattr(self, name)))
         singles = ("clearance", "clearance_measured", "following_error", "grip_distance_error")
@@ -253,7 +256,7 @@ class ActionRecord:
 
     def to_json(self) -> dict[str, Any]:
         """Plain lists, numbers and strings."""
-        return {**dc.asdict(self), "arms": list(self.arms)}
+        return {**dc.asdict(self), "arms": list(self.arms), "violations": list(self.violations)}
 
     @classmethod
     def from_json(cls, data: Any) -> "ActionRecord":

@@ -24,7 +24,7 @@ def test_poses_are_where_the_names_say(make_target):
     hand = make_target(phi=0.3, pull=0.02).hands[1]
     p = seven_positions(hand, Freedom(0.0, 0.8), NORMAL_STROKE)
     table = hand.p_WG[2]
-    assert np.allclose(p[:, 2] - table, [0.123, 0.003, 0.003, 0.033, 0.003, 0.003, 0.123])
+    assert np.allclose(p[:, 2] - table, [0.123, 0.003, 0.003, 0.018, 0.003, 0.003, 0.123])
     assert np.allclose(p[2, :2], hand.p_WG[:2])
     assert np.allclose(p[4, :2], hand.p_WG[:2] + 0.02 * hand.pull_direction)
     outward = -hand.grasp_direction
