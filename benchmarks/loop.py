@@ -4,9 +4,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.colors import LightSource
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from unwrinkle.benchmarks._flatten_runs import Run, flatten
 from unwrinkle.benchmarks.report import Progress
+from unwrinkle.perception.range_map import RangeMap
 
 _RUNS = Path("out") / "loop"
 _STAGES = ("render", "stereo", "analysis", "planning", "verification", "motion")
@@ -78,6 +82,7 @@ def _row(run: Run) -> dict[str, Any]:
     truth = run.truth
     return {
         "name": run.name,
+        "folder": str(run.folder),
         "command": " ".join(["unwrinkle flatten", *run.options]),
         "status": run.record["status"],
         "reason": run.record["reason"],
@@ -200,3 +205,30 @@ def _rows(rows: list[dict[str, Any]]) -> list[str]:
     ]
     lines += [f"- {row['name']}: {row['reason']}" for row in rows if row["status"] != "flat"]
     return lines
+
+
+def plot(results: dict[str, Any], path: Path) -> None:
+    """Draw what the head measured first and last in every run, as shaded relief."""
+    rows = [*results["towels"], *results["shirts"]]
+    columns = 5
+    count = -(-len(rows) // columns)
+    figure = Figure(figsize=(3.0 * columns, 3.3 * count), layout="constrained")
+    grid = figure.subplots(count, 2 * columns, squeeze=False)
+    for axes in grid.flat:
+        axes.set_axis_off()
+    for place, row in enumerate(rows):
+        looks = sorted(Path(row["folder"]).glob("[0-9]*/range_map.npz"))
+        pair = grid[place // columns, 2 * (place % columns) : 2 * (place % columns) + 2]
+        for axes, look in zip(pair, (looks[0], looks[-1]), strict=True):
+            axes.imshow(_relief(RangeMap.load(look)), origin="lower")
+            axes.set_axis_off()
+        pair[0].set_title(f"{row['name']}: {row['actions']} actions", fontsize=8, loc="left")
+        pair[1].set_title(f"{1e3 * row['height']:.0f} mm, {row['status']}", fontsize=8, loc="left")
+    figure.savefig(path, dpi=80)
+
+
+def _relief(seen: RangeMap) -> NDArray[np.float64]:
+    height = np.where(seen.garment & seen.valid, seen.height, 0.0)
+    light = LightSource(azdeg=315, altdeg=45)
+    shade = light.hillshade(height, vert_exag=1.5, dx=seen.resolution, dy=seen.resolution)
+    return np.where(seen.garment & seen.valid, shade, 1.0)
