@@ -13,9 +13,12 @@ import math
 from dataclasses import dataclass
 from typing import Any, Self
 
+import numpy as np
+
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.perception.analysis import Analysis
+from unwrinkle.perception.wrinkle import Wrinkle
 from unwrinkle.systems.results import Shared
 
 #: Numbers of arms to try, in order, by the scenario's choice.
@@ -33,6 +36,12 @@ THICKEST_LAYER = 0.003
 #: A garment with more than this share of its seen area beyond the table's edges is not worked on.
 MOST_BEYOND = 0.5
 
+#: Percentile of a ridge's crest that counts as its highest part.
+HIGHEST = 95.0
+
+#: Heights below this many standard deviations of a sensor's reading are no reason to pull.
+NOISES = 2.0
+
 #: A wrinkle is the same in two looks if its middle moved less than this, m, and it turned less than this, rad.
 SAME_PLACE, SAME_ANGLE = 0.05, 0.6
 
@@ -47,7 +56,7 @@ class SeenWrinkle:
         angle: of its direction, rad.
         volume: argument of Eq. 4's logarithms, length times mean of width times height, mm^3.
         pull: Eq. 5, m.
-        height: of the ridge over the line between its feet (`Wrinkle.peak_height`), m.
+        height: of its highest part over the line between its feet, m.
     """
 
     index: int
@@ -65,15 +74,21 @@ class Sight(Shared):
     Attributes:
         wrinkles: largest first.
         halting_pull: of the sensor, m.
+        noise: standard deviation of the sensor's readings, m.
         beyond: share of the garment's seen area beyond the table's edges.
     """
 
     wrinkles: tuple[SeenWrinkle, ...] = ()
     halting_pull: float = 0.005
+    noise: float = 0.0
     beyond: float = 0.0
 
     def worth_pulling(self, halting_height: float) -> list[SeenWrinkle]:
-        """Wrinkles that ask for the halting pull or are higher than this (m), largest first."""
+        """Wrinkles that ask for the halting pull or are higher than this (m), largest first.
+
+        What is not higher than the sensor's noise allows to tell (`NOISES`) is not high.
+        """
+        halting_height = max(halting_height, NOISES * self.noise)
         return [
             wrinkle
             for wrinkle in self.wrinkles
@@ -99,13 +114,20 @@ def sight_of(analysis: Analysis) -> Sight:
                 angle=math.atan2(wrinkle.direction[1], wrinkle.direction[0]),
                 volume=math.exp(wrinkle.volume_score),
                 pull=wrinkle.pull_distance(analysis.mode),
-                height=wrinkle.peak_height,
+                height=_highest(wrinkle),
             )
             for index, wrinkle in enumerate(analysis.wrinkles)
         ),
         analysis.profile.halting_pull,
+        analysis.profile.depth_noise,
         analysis.share_beyond_table,
     )
+
+
+def _highest(wrinkle: Wrinkle) -> float:
+    """Height of the highest part of a ridge: a wrinkle that runs out to the rim is highest there."""
+    crest = wrinkle.crests[:, 2]
+    return wrinkle.peak_height + float(np.percentile(crest, HIGHEST) - np.median(crest))
 
 
 @dataclass(frozen=True)
