@@ -38,7 +38,8 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
         for k in range(seed, seed + (0 if quick else _SHIRTS))
     ]
     again = (f"towel-{seed}-again", ("--seed", str(seed), *small))
-    wanted = [*towels, again, *shirts]
+    full = (f"towel-{seed}-16-megapixels", ("--seed", str(seed), "--scale", "1"))
+    wanted = [*towels, again, *shirts, *([] if quick else [full])]
     runs: dict[str, Run] = {}
     for done, (name, options) in enumerate(wanted):
         progress(done, len(wanted), name)
@@ -52,6 +53,7 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
         "towels": rows,
         "shirts": [_row(runs[name]) for name, _ in shirts],
         "first": rows[0],
+        "full_size": None if quick else _full_size(runs[full[0]]),
         "repeated": {
             "same_bits": first.fingerprint == repeated.fingerprint,
             "fingerprint": first.fingerprint,
@@ -76,6 +78,11 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
             default=0.0,
         ),
     }
+
+
+def _full_size(run: Run) -> dict[str, Any]:
+    """The row of a run with pictures of full size, and the seconds of its actions by stage."""
+    return {**_row(run), "stages": _stages(run.pulls)}
 
 
 def _row(run: Run) -> dict[str, Any]:
@@ -185,6 +192,20 @@ def table(results: dict[str, Any]) -> str:
         "",
         *_rows(results["towels"]),
     ]
+    if results["full_size"]:
+        full = results["full_size"]
+        stages = full["stages"]
+        lines += [
+            "",
+            "## Pictures of 16 megapixels",
+            "",
+            *_rows([full]),
+            (
+                f"An action takes {stages['total']['median']:.1f} s (median; worst "
+                f"{stages['total']['worst']:.1f} s), of which the pictures {stages['render']['median']:.1f} s "
+                f"and perception, planning and verification {stages['computing']['median']:.1f} s."
+            ),
+        ]
     if results["shirts"]:
         lines += ["", "## T-shirts, as they are", "", *_rows(results["shirts"])]
     return "\n".join([*lines, ""])

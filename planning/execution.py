@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize_scalar
 
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
@@ -20,8 +21,8 @@ from unwrinkle.planning.verification_verdict import MEANT, Findings
 
 Array = NDArray[np.float64]
 
-#: Lags up to this are told from errors, s, in steps of this.
-LONGEST_LAG, LAG_STEP = 0.060, 0.0005
+#: Lags up to this are told from errors, s, sought in steps of this first.
+LONGEST_LAG, LAG_STEP = 0.100, 0.004
 #: A measured axis may exceed a limit by this share: measurements are not exact.
 TOLERANCE = 0.01
 
@@ -68,9 +69,9 @@ class ExecutionCheck:
     """How well a motion kept to its plan.
 
     Attributes:
-        lag: by which the joints follow what was asked of them, s; one for all axes and segments.
+        lag: largest by which the joints followed what was asked of them in a segment, s; one for all axes.
         error: largest difference at the same time, rad.
-        error_after_lag: largest difference once the lag is taken out, rad.
+        error_after_lag: largest difference once each segment's lag is taken out, rad.
         worst_axis: where that is.
         grip_distance_error: largest difference of the grippers' distance from the plan's at the same
             place of the path while both hold, m; 0 where they never do.
@@ -109,7 +110,8 @@ def check_execution(
     """
     if not measured:
         raise InputError("no measured motion to check")
-    lag, errors = _lag(measured)
+    lags, each = zip(*map(_following, measured), strict=True)
+    errors = np.max(each, axis=0)
     same_time = max(float(np.abs(m.positions - m.reference).max()) for m in measured)
     axis = int(np.argmax(errors))
     model = cell_model(cell)
@@ -123,14 +125,14 @@ def check_execution(
     smallest = min(near, key=lambda pair: pair.distance, default=None)
     grip = 0.0
     if plan.dual:
-        for m, (_, X_WT) in zip(measured, frames, strict=True):
+        for m, lag, (_, X_WT) in zip(measured, lags, frames, strict=True):
             segment = planned.get(m.name)
             if segment is not None and all(segment.closed):
                 grip = max(grip, _grip_distance_error(model, m, X_WT, lag))
     violations = [violation.message for violation in found.violations]
     violations += _limit_violations(cell, measured)
     return ExecutionCheck(
-        lag=lag,
+        lag=max(lags),
         error=same_time,
         error_after_lag=float(errors[axis]),
         worst_axis=cell.robot.axes[axis],
@@ -141,20 +143,24 @@ def check_execution(
     )
 
 
-def _lag(measured: Sequence[MeasuredSegment]) -> tuple[float, Array]:
-    """The lag that leaves the smallest errors, and those errors per axis (13,)."""
-    asked = [CubicSpline(m.times, m.reference) for m in measured]
+def _following(m: MeasuredSegment) -> tuple[float, Array]:
+    """The lag that leaves a segment's smallest error, s, and the errors per axis (13,) then, rad."""
+    asked = CubicSpline(m.times, m.reference)
 
     def errors(lag: float) -> Array:
-        worst = np.zeros(AXES)
-        for m, spline in zip(measured, asked, strict=True):
-            late = np.clip(m.times - lag, m.times[0], m.times[-1])
-            worst = np.maximum(worst, np.abs(m.positions - spline(late)).max(axis=0))
-        return worst
+        late = np.clip(m.times - lag, m.times[0], m.times[-1])
+        return np.asarray(np.abs(m.positions - asked(late)).max(axis=0))
 
-    lags = np.arange(0.0, LONGEST_LAG + LAG_STEP, LAG_STEP)
-    best = min(lags, key=lambda lag: float(errors(float(lag)).max()))
-    return float(best), errors(float(best))
+    def worst(lag: float) -> float:
+        return float(errors(lag).max())
+
+    # The error has one minimum, but is flat where the motion is over: a coarse grid first.
+    grid = np.arange(0.0, LONGEST_LAG, LAG_STEP)
+    best = float(min(grid, key=worst))
+    bounds = (max(0.0, best - LAG_STEP), best + LAG_STEP)
+    found = minimize_scalar(worst, bounds=bounds, method="bounded", options={"xatol": 1e-6})
+    lag = float(found.x) if found.fun < worst(best) else best
+    return lag, errors(lag)
 
 
 def _leg(m: MeasuredSegment, segment: Segment | None) -> Leg:

@@ -291,7 +291,8 @@ class RunFolder:
 
 def command_line() -> str:
     """The line that started this process, with the program's name in place of its path."""
-    return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    name = Path(sys.argv[0]).name
+    return shlex.join(["unwrinkle" if name == "__main__.py" else name, *sys.argv[1:]])
 
 
 def _now() -> str:

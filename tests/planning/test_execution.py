@@ -47,11 +47,23 @@ def measured(plan: FlatteningPlan, cell: Cell, lag: float = 0.0) -> list[Measure
 
 def test_a_late_motion_is_told_from_a_wrong_one(plan: FlatteningPlan, cell: Cell) -> None:
     check = check_execution(plan, cell, measured(plan, cell, lag=0.008))
-    assert check.lag == pytest.approx(0.008, abs=1e-9)
+    assert check.lag == pytest.approx(0.008, abs=5e-5)
     assert check.error > 5e-3
-    assert check.error_after_lag < 2e-5
+    assert check.error_after_lag < 5e-5
     assert check.grip_distance_error < 2e-5
     assert check.violations == ()
+
+
+def test_segments_that_began_late_by_different_times_are_no_errors(
+    plan: FlatteningPlan, cell: Cell
+) -> None:
+    """One lag for all segments called the rest of each an error of up to 9 mrad."""
+    lags = (0.0043, 0.0217, 0.0101)
+    late = [measured(plan, cell, lag)[k] for k, lag in enumerate(lags)]
+    check = check_execution(plan, cell, late)
+    assert check.lag == pytest.approx(max(lags), abs=5e-5)
+    assert check.error > 2e-2 and check.error_after_lag < 5e-5
+    assert check.grip_distance_error < 1e-4
 
 
 def test_the_clearance_is_the_one_of_the_verdict(plan: FlatteningPlan, cell: Cell) -> None:
