@@ -134,7 +134,7 @@ class LiveView:
         self.meshcat.SetObject(
             "loop/status", board([(line, _INK) for line in text], 0.08 * len(text) + 0.08)
         )
-        self.meshcat.SetTransform("loop/status", in_first_view(-0.66, 0.58, 3.0))
+        self.meshcat.SetTransform("loop/status", in_first_view(-0.52, 0.60, 3.0))
 
     def _mesh(self, path: str, mesh: tuple[Array, NDArray[np.int32]], colour: str) -> None:
         vertices, faces = mesh

@@ -54,7 +54,7 @@ def analysis_of(wrinkles: tuple[tuple[float, float, float, float], ...]) -> Any:
     """All that the judgement needs of an analysis."""
     return SimpleNamespace(
         mode="foot",
-        profile=SimpleNamespace(halting_pull=0.005),
+        profile=SimpleNamespace(halting_pull=0.005, depth_noise=0.0003),
         share_beyond_table=0.0,
         range_map=SimpleNamespace(
             garment=np.ones((3, 3), dtype=bool),
@@ -67,6 +67,7 @@ def analysis_of(wrinkles: tuple[tuple[float, float, float, float], ...]) -> Any:
                 direction=(1.0, 0.0),
                 volume_score=score,
                 peak_height=height,
+                crests=np.zeros((3, 3)),
                 pull_distance=lambda mode, pull=pull: pull,
             )
             for place, score, pull, height in wrinkles
