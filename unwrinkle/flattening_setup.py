@@ -14,6 +14,7 @@ from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import Scenario, with_sensor
 from unwrinkle.perception.head import StereoHead
 from unwrinkle.perception.head_file import nominal_calibration
+from unwrinkle.perception.warm_up import ensure_compiled
 from unwrinkle.simulation.cloth import Cloth, ClothState, Support
 from unwrinkle.simulation.outlines import outline
 from unwrinkle.simulation.wrinkle_makers import start_state
@@ -125,6 +126,8 @@ def build_loop(
     Raises:
         InputError: the scenario names what is not there, or the garment does not fit the table.
     """
+    if scenario.sensor.kind == "stereo":
+        ensure_compiled()  # so that this run can be repeated bit by bit
     cell = load_cell(scenario)
     head = nominal_calibration().stereo_head(cell.limits.head)
     cloth = simulated_cloth(cell)
