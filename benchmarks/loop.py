@@ -233,7 +233,7 @@ def plot(results: dict[str, Any], path: Path) -> None:
     rows = [*results["towels"], *results["shirts"]]
     columns = 5
     count = -(-len(rows) // columns)
-    figure = Figure(figsize=(3.0 * columns, 3.3 * count), layout="constrained")
+    figure = Figure(figsize=(3.0 * columns, 1.8 * count), layout="constrained")
     grid = figure.subplots(count, 2 * columns, squeeze=False)
     for axes in grid.flat:
         axes.set_axis_off()
@@ -241,7 +241,7 @@ def plot(results: dict[str, Any], path: Path) -> None:
         looks = sorted(Path(row["folder"]).glob("[0-9]*/range_map.npz"))
         pair = grid[place // columns, 2 * (place % columns) : 2 * (place % columns) + 2]
         for axes, look in zip(pair, (looks[0], looks[-1]), strict=True):
-            axes.imshow(_relief(RangeMap.load(look)), origin="lower")
+            axes.imshow(_relief(RangeMap.load(look)), origin="lower", cmap="gray", vmin=0, vmax=1)
             axes.set_axis_off()
         pair[0].set_title(f"{row['name']}: {row['actions']} actions", fontsize=8, loc="left")
         pair[1].set_title(f"{1e3 * row['height']:.0f} mm, {row['status']}", fontsize=8, loc="left")
