@@ -1,7 +1,6 @@
 """A run's replay in a live Meshcat: a slider for the time, a button for each action."""
 
 import logging
-import time as clock
 from collections.abc import Callable
 from typing import Any
 
@@ -16,11 +15,11 @@ from unwrinkle.replay_tracks import LOOK_TIME, Clip, clips_of, posture_at
 from unwrinkle.run_folder import RunFolder
 from unwrinkle.run_look_card import ReadLook, look_name
 from unwrinkle.run_replay import draw_marks, marks_until
+from unwrinkle.scene import follow
 
 Array = NDArray[np.float64]
 
 _TIME, _SPEED, _PLAY = "time (s)", "speed", "play / pause"
-_POLL = 1.0 / 30.0
 
 _log = logging.getLogger(__name__)
 
@@ -87,15 +86,7 @@ class LiveReplay:
 
     def run(self, stop: Callable[[], bool] = lambda: False) -> None:
         """Keep following the controls until `stop()` is true or Ctrl-C is pressed."""
-        before = clock.perf_counter()
-        try:
-            while not stop():
-                clock.sleep(_POLL)
-                now = clock.perf_counter()
-                self.update(now - before)
-                before = now
-        except KeyboardInterrupt:
-            _log.info("live replay ended")
+        follow(self.update, stop, lambda: _log.info("live replay ended"))
 
     def _show(self, time: float) -> None:
         k = max(i for i, clip in enumerate(self._clips) if clip.begin <= time or i == 0)

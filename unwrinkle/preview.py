@@ -4,7 +4,6 @@ The cloth is shown as it was seen; how it answers to the pull is not simulated h
 """
 
 import logging
-import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -20,7 +19,7 @@ from unwrinkle.plan_shapes import ARMS, COLOURS, target_shapes, wrinkle_shapes
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification_verdict import Verdict
 from unwrinkle.playback import Playback, Step
-from unwrinkle.scene import CellScene, in_first_view, rgba, start_meshcat
+from unwrinkle.scene import CellScene, follow, in_first_view, rgba, start_meshcat
 from unwrinkle.shapes import triad, tube
 
 Array = NDArray[np.float64]
@@ -28,7 +27,6 @@ Array = NDArray[np.float64]
 FRAME_RATE = 30.0
 #: A page stays under 10 MB with this many frames.
 MOST_FRAMES = 900
-_POLL = 1.0 / 30.0
 
 _log = logging.getLogger(__name__)
 
@@ -246,15 +244,7 @@ class LivePreview:
 
     def run(self, stop: Callable[[], bool] = lambda: False) -> None:
         """Keep following the controls until `stop()` is true or Ctrl-C is pressed."""
-        before = clock.perf_counter()
-        try:
-            while not stop():
-                clock.sleep(_POLL)
-                now = clock.perf_counter()
-                self.update(now - before)
-                before = now
-        except KeyboardInterrupt:
-            _log.info("live preview ended")
+        follow(self.update, stop, lambda: _log.info("live preview ended"))
 
     def _clicked(self, name: str) -> bool:
         clicks = int(self._meshcat.GetButtonClicks(name))

@@ -1,6 +1,8 @@
 """The cell in a Meshcat scene: bodies as they look and as the collision checks see them."""
 
 import logging
+import time as clock
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -31,6 +33,7 @@ View = tuple[tuple[float, float, float], tuple[float, float, float]]
 OVERVIEW: View = ((0.62, -3.30, 2.45), (-0.15, -0.80, 0.97))
 #: The whole robot with its head.
 WHOLE_CELL: View = ((1.6, -4.3, 2.7), (0.0, -0.35, 1.12))
+_POLL = 1.0 / 30.0
 _PROXIMITY_COLOUR = (0.9, 0.1, 0.1, 0.25)
 
 
@@ -89,6 +92,27 @@ def in_first_view(across: float, up: float, depth: float) -> RigidTransform:
 def rgba(colour: str) -> Rgba:
     """Drake's colour of #rrggbb."""
     return Rgba(*(int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)), 1.0)
+
+
+def follow(
+    update: Callable[[float], object], stop: Callable[[], bool], ended: Callable[[], None]
+) -> None:
+    """Keep a view in step with its controls, some 30 times a second, until `stop()` is true or Ctrl-C is pressed.
+
+    Args:
+        update: called with the seconds since the last time.
+        stop: asked before each update.
+        ended: called where Ctrl-C ended it.
+    """
+    before = clock.perf_counter()
+    try:
+        while not stop():
+            clock.sleep(_POLL)
+            now = clock.perf_counter()
+            update(now - before)
+            before = now
+    except KeyboardInterrupt:
+        ended()
 
 
 class CellScene:

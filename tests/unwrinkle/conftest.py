@@ -1,6 +1,7 @@
 """Fixtures of the tests of pages and pictures: a plan that waves its arms, and a whole run."""
 
 import dataclasses as dc
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from unwrinkle import cli
 from unwrinkle.garment_mesh import garment_of
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.perception.analysis import Analysis, analyse
@@ -279,3 +281,17 @@ def synthetic_run(cell: Cell) -> SyntheticRun:
         plans.append(plan)
     verdicts = tuple(verify(plan, cell) for plan in plans)
     return SyntheticRun(cell, towels, analyses, tuple(plans), verdicts)
+
+
+@pytest.fixture
+def main(monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
+    """The command line, called with a command and its options; returns the exit code."""
+
+    def run(*arguments: str | Path) -> int:
+        monkeypatch.setattr(sys, "argv", ["unwrinkle", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            cli.main()
+        assert isinstance(stop.value.code, int)
+        return stop.value.code
+
+    return run

@@ -1,6 +1,5 @@
 """``unwrinkle replay`` as a user runs it, and the live replay."""
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from unwrinkle import cli
 from unwrinkle.live_replay import LiveReplay
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
@@ -18,18 +16,6 @@ from unwrinkle.scene import start_meshcat
 
 Main = Callable[..., int]
 SETTINGS = RunSettings("towel", "terry", "bunched", 7, "stereo", 0.5, "any", "foot", 10)
-
-
-@pytest.fixture
-def main(monkeypatch: pytest.MonkeyPatch) -> Main:
-    def run(*arguments: str | Path) -> int:
-        monkeypatch.setattr(sys, "argv", ["unwrinkle", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            cli.main()
-        assert isinstance(stop.value.code, int)
-        return stop.value.code
-
-    return run
 
 
 @pytest.mark.end_to_end

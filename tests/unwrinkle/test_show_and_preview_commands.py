@@ -3,7 +3,6 @@
 import base64
 import json
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from unwrinkle import cli
 from unwrinkle.board import board
 from unwrinkle.cell_view import CellView
 from unwrinkle.models.errors import InputError
@@ -43,18 +41,6 @@ def plan_file(cell: Cell, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("plan") / "good.npz"
     plan.save(path)
     return path
-
-
-@pytest.fixture
-def main(monkeypatch: pytest.MonkeyPatch) -> Main:
-    def run(*arguments: str | Path) -> int:
-        monkeypatch.setattr(sys, "argv", ["unwrinkle", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            cli.main()
-        assert isinstance(stop.value.code, int)
-        return stop.value.code
-
-    return run
 
 
 @pytest.mark.end_to_end
