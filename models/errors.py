@@ -21,3 +21,9 @@ class NoSafePlanError(UnwrinkleError):
     """No motion that passes every check exists for what was asked."""
 
     exit_code = 3
+
+
+class HardwareError(UnwrinkleError):
+    """A device that does not answer, refuses, or answers what cannot be: nothing more is sent to it."""
+
+    exit_code = 4

@@ -13,12 +13,13 @@ REPOSITORY = Path(__file__).parents[1]
 
 # What each folder may import of ours. An entry with a dot allows that module alone.
 _LOWER = {"models", "perception", "planning", "simulation", "hardware"}
+_WIRE = {"hardware.wire", "hardware.link"}
 _VALUE_TYPES = {"perception.range_map", "perception.target", "perception.wrinkle"}
 ALLOWED = {
     "models": set(),
     "perception": {"models"},
     "planning": {"models", *_VALUE_TYPES},
-    "simulation": {"models", "perception.camera", "perception.depth_file", "hardware.wire"},
+    "simulation": {"models", "perception.camera", "perception.depth_file", *_WIRE},
     "hardware": {"models", "planning.trajectory"},
     "systems": _LOWER,
     "benchmarks": _LOWER | {"systems"},
@@ -31,7 +32,13 @@ FORBIDDEN = {
     "hardware": {"pydrake"},
 }
 # Where a distribution is imported by another name than its own.
-IMPORT_NAMES = {"drake": "pydrake", "opencv-python-headless": "cv2", "pyyaml": "yaml"}
+IMPORT_NAMES = {
+    "drake": "pydrake",
+    "opencv-python-headless": "cv2",
+    "pyserial": "serial",
+    "python-can": "can",
+    "pyyaml": "yaml",
+}
 FACE_ONLY = {"rich", "typer"}  # belong to the command line
 MAX_LINES = 400
 
@@ -182,7 +189,8 @@ def test_a_test_without_assertion_is_found() -> None:
 
 def test_every_third_party_import_is_a_declared_dependency() -> None:
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
-    requirements = project["dependencies"] + project["optional-dependencies"]["bench"]
+    extras = project["optional-dependencies"]
+    requirements = sum((extras[name] for name in extras if name != "dev"), project["dependencies"])
     names = {re.match(r"[\w-]+", requirement).group() for requirement in requirements}
     declared = {IMPORT_NAMES.get(name, name) for name in names}
     used = {

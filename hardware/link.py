@@ -1,0 +1,133 @@
+"""One TCP connection that never blocks: bytes out are queued, bytes in are taken as they come."""
+
+import errno
+import select
+import socket
+import time
+from contextlib import suppress
+
+from unwrinkle.models.errors import HardwareError
+
+#: Most bytes that wait for a peer who does not read, before the link is given up.
+MOST_WAITING = 1 << 20
+_CHUNK = 1 << 16
+_LATER = (errno.EAGAIN, errno.EWOULDBLOCK, errno.EINTR)
+
+
+class TcpLink:
+    """A connected socket.
+
+    Attributes:
+        name: of the peer, for messages.
+        sent: bytes that the system has taken.
+        received: bytes that have come.
+        closed: why nothing more will come; empty while open.
+    """
+
+    def __init__(self, connection: socket.socket, name: str) -> None:
+        """Take over a connected socket."""
+        connection.setblocking(False)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        self._socket = connection
+        self._waiting = bytearray()
+        self.name = name
+        self.sent = 0
+        self.received = 0
+        self.closed = ""
+
+    @classmethod
+    def connect(cls, host: str, port: int, deadline: float, name: str) -> "TcpLink":
+        """Connect as a client.
+
+        Args:
+            host, port: of the server.
+            deadline: s to wait at most.
+            name: of the peer, for messages.
+
+        Raises:
+            HardwareError: nobody answers; the message names host and port.
+        """
+        try:
+            connection = socket.create_connection((host, port), timeout=deadline)
+        except OSError as error:
+            reason = (
+                "no answer" if isinstance(error, TimeoutError) else (error.strerror or str(error))
+            )
+            raise HardwareError(
+                f"{name}: cannot connect to {host}:{port} within {deadline:g} s: {reason}; is it on, "
+                "and are address and port right?"
+            ) from None
+        return cls(connection, name)
+
+    @property
+    def waiting(self) -> int:
+        """Bytes that the peer's window has no room for yet."""
+        return len(self._waiting)
+
+    def fileno(self) -> int:
+        """For `select`."""
+        return self._socket.fileno()
+
+    def send(self, data: bytes) -> None:
+        """Queue bytes and send what can be sent; a peer who never reads closes the link."""
+        if self.closed:
+            return
+        self._waiting += data
+        self.flush()
+        if len(self._waiting) > MOST_WAITING:
+            self.close(f"{self.name} does not read: {len(self._waiting)} bytes wait")
+
+    def flush(self) -> None:
+        """Send what waits, as far as the peer takes it."""
+        while self._waiting and not self.closed:
+            try:
+                count = self._socket.send(self._waiting)
+            except OSError as error:
+                if error.errno not in _LATER:
+                    self.close(f"{self.name}: {error.strerror or error}")
+                return
+            self.sent += count
+            del self._waiting[:count]
+
+    def receive(self, most: int = _CHUNK) -> bytes:
+        """What has come, at most so many bytes; empty if nothing."""
+        if self.closed:
+            return b""
+        try:
+            data = self._socket.recv(most)
+        except OSError as error:
+            if error.errno not in _LATER:
+                self.close(f"{self.name}: {error.strerror or error}")
+            return b""
+        if not data:
+            self.close(f"{self.name} has closed the connection")
+        self.received += len(data)
+        return data
+
+    def wait(self, deadline: float) -> bool:
+        """Wait until something can be read, at most so long (s); whether it can."""
+        if self.closed:
+            return False
+        return bool(select.select([self], [], [], max(deadline, 0.0))[0])
+
+    def drain(self, deadline: float) -> bool:
+        """Send all that waits, for at most so long (s); whether all is sent."""
+        end = time.monotonic() + deadline
+        while self._waiting and not self.closed:
+            left = end - time.monotonic()
+            if left <= 0.0:
+                break
+            select.select([], [self], [], left)
+            self.flush()
+        return not self._waiting and not self.closed
+
+    def close(self, reason: str = "closed by this side") -> None:
+        """Close; a second time changes nothing."""
+        if self.closed:
+            return
+        self.closed = reason
+        self._waiting.clear()
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._socket.close()

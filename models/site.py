@@ -1,0 +1,201 @@
+"""A site: where the devices of one laboratory are, and what is assumed of them; read from one typed YAML file."""
+
+import dataclasses as dc
+from dataclasses import field
+from math import isfinite
+from pathlib import Path
+
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.loader_yaml import load_yaml, models_dir
+
+PROFILES = ("groups", "ex")
+SYNCHRO = ("off", "start", "each")
+VELOCITIES = ("differences", "reported")
+GRIPPERS = ("digital", "can", "none")
+CAMERAS = ("none", "folder", "watch", "opencv", "gphoto2", "openni2")
+GROUPS = ("r1", "r2", "ext_axis")
+
+
+@dc.dataclass
+class ControllerSite:
+    """The robot's controller and how its driver behaves. Times in s, angles in rad."""
+
+    host: str = "127.0.0.1"
+    motion_port: int = 50240
+    state_port: int = 50241
+    io_port: int = 50242
+    # groups: one JOINT_TRAJ_PT_FULL per group (the CloPeMa controller of 2013). ex: one JOINT_TRAJ_PT_FULL_EX for all.
+    profile: str = "groups"
+    # Command 200103 of the CloPeMa controller: off, start (before a trajectory's first point) or each (before every point).
+    # ASSUMED off: stock controllers do not know it.
+    synchro: str = "off"
+    # What the controller's groups 0, 1, 2 are. From the CloPeMa client.
+    groups: list[str] = field(default_factory=lambda: ["r1", "r2", "ext_axis"])
+    # differences of positions, or as reported: feedback of controllers before MotoROS 1.8.0 is scaled wrongly.
+    velocities: str = "differences"
+    connect_timeout: float = 3.0
+    reply_timeout: float = 0.5
+    # A point is sent again after busy_retry, for at most busy_limit.
+    busy_retry: float = 0.005
+    busy_limit: float = 2.0
+    # Servo on, and the INFORM job ready.
+    start_timeout: float = 8.0
+    # The controller's; 25 ms by its source.
+    feedback_period: float = 0.025
+    # Feedback older than this: hold; older than that: fault.
+    hold_after: float = 0.10
+    fault_after: float = 0.25
+    # The greatest delay between a point's time and its being seen in the feedback that is no fault. ASSUMED.
+    latency: float = 0.10
+    # Largest distance of an axis from its path, the lag taken out. ASSUMED.
+    following: float = 0.02
+    # Largest distance of the robot from a trajectory's first sample; the controller's own is 30 pulses, about 1 mrad.
+    start_tolerance: float = 1e-3
+    # So far ahead of the robot points are sent: what a hold cannot take back, and how long the host may be late.
+    lead: float = 0.12
+    # A poll of the driver that comes later than this is late; so many late ones are a fault.
+    late: float = 0.05
+    late_budget: int = 20
+    # Rest between two trajectories; multi-group controllers need 0.3 s (ros-industrial/motoman issue 185).
+    pause: float = 0.3
+
+
+@dc.dataclass
+class GripperSite:
+    """How the grippers are commanded: right, then left."""
+
+    # digital (outputs of the controller), can, or none.
+    kind: str = "none"
+    # digital: address of the output that closes, of the inputs that say closed and holding cloth (0: there is none), and
+    # whether the output is inverted. ASSUMED: the addresses of the CloPeMa cell are not public.
+    close_output: list[int] = field(default_factory=lambda: [10010, 10011])
+    closed_input: list[int] = field(default_factory=lambda: [0, 0])
+    holding_input: list[int] = field(default_factory=lambda: [0, 0])
+    inverted: list[bool] = field(default_factory=lambda: [True, True])
+    # can: python-can's interface and channel; limb codes from the CloPeMa gripper's protocol (1 right, 0 left).
+    interface: str = "pcan"
+    channel: str = "PCAN_USBBUS1"
+    bitrate: int = 1000000
+    limbs: list[int] = field(default_factory=lambda: [1, 0])
+    # Without a sensor a stroke counts as done after this; with one, after at least this. s.
+    stroke_time: float = 0.75
+    # A gripper that has not answered after this is lost, s.
+    timeout: float = 3.0
+
+
+@dc.dataclass
+class PanTiltSite:
+    """The head's two pan-tilt units."""
+
+    # Serial ports; empty: there is no such unit.
+    left: str = ""
+    right: str = ""
+    baud: int = 9600
+    # s: for an answer, and for a motion.
+    reply_timeout: float = 1.0
+    motion_timeout: float = 6.0
+    # After a motion the mount swings; pictures wait so long, s. ASSUMED.
+    settle: float = 0.3
+
+
+@dc.dataclass
+class CameraSite:
+    """What takes the pictures."""
+
+    # none, folder (pairs in order), watch (the newest pair), opencv, gphoto2 or openni2.
+    kind: str = "none"
+    # folder, watch: where left*.png and right*.png appear. opencv: device numbers or addresses. gphoto2: USB ports.
+    left: str = ""
+    right: str = ""
+    folder: str = ""
+    # s: for one exposure of the pair, attempts at it, and most time between the two eyes' exposures.
+    timeout: float = 20.0
+    attempts: int = 2
+    skew: float = 1.0
+
+
+@dc.dataclass
+class Site:
+    """One laboratory's equipment; see models/sites/example.site.yaml for the meaning of every key."""
+
+    name: str = "unnamed"
+    # The cell's scenario (robot, tables, clearances); empty: the shipped one.
+    scenario: str = ""
+    # Speed fraction of what is executed, of the limits; the first run of a plan is slower under commissioning.
+    speed: float = 0.2
+    # Commissioning: tips at most 0.25 m/s, doubled clearances, the first run of a plan at 10 %, a dead-man key.
+    commissioning: bool = True
+    # The head's calibration, its greatest age in days, and the greatest residual in pixels.
+    calibration: str = ""
+    calibration_days: int = 180
+    calibration_residual: float = 0.5
+    # True for virtual equipment alone: allows the nominal calibration.
+    virtual: bool = False
+    controller: ControllerSite = field(default_factory=ControllerSite)
+    grippers: GripperSite = field(default_factory=GripperSite)
+    pan_tilt: PanTiltSite = field(default_factory=PanTiltSite)
+    cameras: CameraSite = field(default_factory=CameraSite)
+
+    def validate(self) -> None:
+        """Refuse values that no site can have."""
+        c, g = self.controller, self.grippers
+        for what, value, known in (
+            ("controller.profile", c.profile, PROFILES),
+            ("controller.synchro", c.synchro, SYNCHRO),
+            ("controller.velocities", c.velocities, VELOCITIES),
+            ("grippers.kind", g.kind, GRIPPERS),
+            ("cameras.kind", self.cameras.kind, CAMERAS),
+        ):
+            if value not in known:
+                raise InputError(f"site: {what} '{value}' is unknown; known: {', '.join(known)}")
+        if sorted(c.groups) != sorted(GROUPS):
+            raise InputError(
+                f"site: controller.groups must name {', '.join(GROUPS)} once each, got {c.groups}"
+            )
+        if not c.host:
+            raise InputError("site: controller.host is empty; give the controller's address")
+        for name in ("motion_port", "state_port", "io_port"):
+            if not 0 < getattr(c, name) < 65536:
+                raise InputError(f"site: controller.{name} is {getattr(c, name)}; give 1 to 65535")
+        for part, label in (
+            (c, "controller"),
+            (g, "grippers"),
+            (self.pan_tilt, "pan_tilt"),
+            (self.cameras, "cameras"),
+        ):
+            for item in dc.fields(part):
+                value = getattr(part, item.name)
+                if isinstance(value, float) and not (isfinite(value) and value >= 0.0):
+                    raise InputError(
+                        f"site: {label}.{item.name} is {value}; give a number of 0 or more"
+                    )
+        if not 2.0 * c.feedback_period <= c.hold_after < c.fault_after:
+            raise InputError(
+                "site: controller.hold_after must be at least two feedback periods and below fault_after, got "
+                f"{c.hold_after:g} and {c.fault_after:g} s"
+            )
+        if not 0.04 <= c.lead <= 0.5:
+            raise InputError(f"site: controller.lead is {c.lead:g} s; give 0.04 to 0.5")
+        if not 0.0 < self.speed <= 1.0:
+            raise InputError(f"site: speed is {self.speed:g}; give a fraction above 0, up to 1")
+        for name in ("close_output", "closed_input", "holding_input", "inverted", "limbs"):
+            if len(getattr(g, name)) != 2:
+                raise InputError(f"site: grippers.{name} needs two values, right and left")
+        if self.calibration_days < 1 or not self.calibration_residual > 0.0:
+            raise InputError("site: calibration_days and calibration_residual must be positive")
+
+
+def load_site(path: str | Path) -> Site:
+    """Read a site file.
+
+    Raises:
+        InputError: missing file, unknown key, a value out of range.
+    """
+    site = load_yaml(path, Site)
+    site.validate()
+    return site
+
+
+def loopback_site() -> Site:
+    """The shipped site of virtual equipment on this machine."""
+    return load_site(models_dir() / "sites" / "loopback.site.yaml")
