@@ -9,7 +9,7 @@ import yaml
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.loader_yaml import load_yaml, models_dir
 
-STATION_FORMS = ("sim",)
+STATION_FORMS = ("sim", "loopback", "hardware")
 SENSOR_KINDS = ("stereo", "depth")
 OUTLINES = ("towel", "dishcloth", "tshirt", "trousers")
 STARTS = ("bunched", "ridge", "pinched", "dropped", "flat")
@@ -103,7 +103,7 @@ class SimulatedGarment:
 class StationSettings:
     """The station and, where it is simulated, its clocks in s."""
 
-    # sim.
+    # sim, loopback (the drivers, against virtual devices) or hardware.
     form: str = "sim"
     plant_step: float = 0.004
     cloth_step: float = 0.020

@@ -10,7 +10,7 @@ from unwrinkle.planning.settings import PlannerSettings
 from unwrinkle.systems.depth_perception import DepthPerception
 from unwrinkle.systems.flattening_planner import FlatteningPlanner
 from unwrinkle.systems.judgement import Memory
-from unwrinkle.systems.plan_verification import PlanVerification
+from unwrinkle.systems.plan_verification import Approve, PlanVerification
 from unwrinkle.systems.stereo_perception import StereoPerception
 from unwrinkle.systems.supervisor import FlatteningSupervisor
 from unwrinkle.systems.supervisor_state import Situation, SupervisorSettings
@@ -67,6 +67,7 @@ def build_flattening_diagram(
     settings: SupervisorSettings | None = None,
     planner: PlannerSettings | None = None,
     memory: Memory | None = None,
+    approve: Approve | None = None,
     seed: int = 0,
 ) -> Diagram:
     """Wire the loop around a station.
@@ -78,6 +79,7 @@ def build_flattening_diagram(
         settings: of the supervisor.
         planner: settings of the planner.
         memory: of a run that goes on.
+        approve: asked about each plan that is safe; None approves.
         seed: of perception's random choices.
 
     Returns:
@@ -97,7 +99,7 @@ def build_flattening_diagram(
         PERCEPTION: perception,
         ANALYSIS: WrinkleAnalysis(cell),
         PLANNER: FlatteningPlanner(cell, planner),
-        VERIFICATION: PlanVerification(cell),
+        VERIFICATION: PlanVerification(cell, approve),
         SUPERVISOR: supervisor,
     }
     for name, system in systems.items():

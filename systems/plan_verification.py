@@ -1,24 +1,35 @@
 """From a plan to its verdict: computed when asked for, once per plan."""
 
 import time
+from collections.abc import Callable
 
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, LeafSystem
 
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
+from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification import verify
+from unwrinkle.planning.verification_verdict import Verdict
 from unwrinkle.systems.latest import Latest
 from unwrinkle.systems.results import Planned, Verified
+
+#: Asks whoever is responsible; an answer that is not empty says why the plan must not be run.
+Approve = Callable[[FlatteningPlan, Verdict], str]
 
 
 class PlanVerification(LeafSystem):
     """Verifies a plan from where the robot stands. Input: `plan` (`Planned`); output: `verdict` (`Verified`)."""
 
-    def __init__(self, cell: Cell) -> None:
-        """Keep the cell that plans are verified in."""
+    def __init__(self, cell: Cell, approve: Approve | None = None) -> None:
+        """Keep the cell that plans are verified in.
+
+        Args:
+            cell: where.
+            approve: asked about a plan that passed; None approves.
+        """
         super().__init__()
-        self._cell = cell
+        self._cell, self._approve = cell, approve
         port = self.DeclareAbstractInputPort("plan", AbstractValue.Make(Planned()))
         self.DeclareAbstractOutputPort(
             "verdict",
@@ -43,4 +54,7 @@ class PlanVerification(LeafSystem):
             reason = " ".join(str(error).split())
             return Verified(planned.number, plan.content_hash, None, seconds, reason)
         seconds = time.perf_counter() - clock
+        refusal = self._approve(plan, verdict) if self._approve and verdict.passed else ""
+        if refusal:
+            return Verified(planned.number, plan.content_hash, None, seconds, refusal)
         return Verified(planned.number, plan.content_hash, verdict, seconds)

@@ -91,6 +91,7 @@ class FlatteningRun:
         self._simulator = Simulator(loop.diagram)
         self._seconds = Seconds()
         self._steps = 0
+        self._due = time.monotonic()
         context = self._simulator.get_mutable_context()
         self._interrupt = loop.diagram.GetInputPort("interrupt")
         self._interrupt.FixValue(context, [0.0])
@@ -145,6 +146,14 @@ class FlatteningRun:
     def _advance(self) -> None:
         self._steps += 1  # times are multiples of the period, not sums of it
         self._simulator.AdvanceTo(self._steps * self._period)
+        if self._loop.real:
+            self._await_due()
+
+    def _await_due(self) -> None:
+        """Let real devices have their time; what was lost with computing is not made up."""
+        now = time.monotonic()
+        self._due = max(self._due + self._period, now)
+        time.sleep(self._due - now)
 
     def _rest(self) -> None:
         """Let the braking that a fault or an interrupt began come to its end."""

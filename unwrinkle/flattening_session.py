@@ -3,20 +3,33 @@
 import dataclasses as dc
 import logging
 import time
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from unwrinkle import __version__
 from unwrinkle.flattening_recorder import Recorder
 from unwrinkle.flattening_run import Ending, FlatteningRun, Watcher, caught_interrupts, failure
-from unwrinkle.flattening_setup import SENSORS, Loop, build_loop, scenario_text, with_choices
+from unwrinkle.flattening_setup import (
+    HARDWARE,
+    LOOPBACK,
+    SENSORS,
+    Loop,
+    build_loop,
+    scenario_text,
+    with_choices,
+)
+from unwrinkle.hardware.run_log import RunLog
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import Scenario, load_scenario
+from unwrinkle.models.site import Site
 from unwrinkle.run_folder import RunFolder, RunSettings, command_line
 from unwrinkle.run_replay import write_replay
 from unwrinkle.run_report import write_report
 from unwrinkle.simulation.cloth import ClothState
 from unwrinkle.systems.judgement import Memory
+from unwrinkle.systems.plan_verification import Approve
 from unwrinkle.systems.supervisor_state import FLAT, INTERRUPTED
 
 _log = logging.getLogger(__name__)
@@ -38,6 +51,7 @@ class Choices:
     arms: str | None = None
     mode: str | None = None
     actions: int | None = None
+    station: str | None = None
 
     def applied(self, scenario: Scenario) -> Scenario:
         """A scenario with these choices.
@@ -51,22 +65,26 @@ class Choices:
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """A loop and the folder that it is recorded in."""
+    """A loop, the folder that it is recorded in, and the log of what its controller was sent, where it has one."""
 
     loop: Loop
     folder: RunFolder
+    log: RunLog | None = None
 
     def run(self, watchers: tuple[Watcher, ...] = ()) -> Ending:
         """Run to the end, and finish the folder and its report.
 
-        A SIGINT or SIGTERM ends the run with the arms at rest.
+        A SIGINT or SIGTERM ends the run with the arms at rest. Whatever happens, the station's devices are closed.
 
         Raises:
             Exception: what ended the run otherwise, after the arms came to rest and the folder was finished.
         """
         clock = time.perf_counter()
         recorder = Recorder(self.folder, self.loop.cell)
-        with caught_interrupts() as interrupts:
+        with caught_interrupts() as interrupts, ExitStack() as at_end:
+            if self.log is not None:
+                at_end.callback(self.log.close)
+            at_end.callback(self.loop.close)
             run = FlatteningRun(self.loop, (recorder, *watchers))
             try:
                 ending = run.run(interrupts)
@@ -101,36 +119,56 @@ class Session:
                 _log.error("%s", error)
 
 
-def begin(choices: Choices, scenario: Path | None, out: Path | None) -> Session:
+def begin(
+    choices: Choices,
+    scenario: Path | None,
+    out: Path | None,
+    *,
+    site: Site | None = None,
+    approve: Approve | None = None,
+) -> Session:
     """Begin a run.
 
     Args:
         choices: of the user.
         scenario: file; the shipped one if left out.
         out: folder of the run; by the garment and the seed if left out, and then never one that is there.
+        site: of the station's devices.
+        approve: asked about each plan that is safe; None approves.
 
     Raises:
         InputError: bad input, or the folder holds a run already or cannot be written.
+        HardwareError: a device of the station does not get ready.
     """
     chosen = choices.applied(load_scenario(scenario))
     seed = choices.seed or 0
     outline = chosen.station.garment.outline
     path = _unused(Path("out") / f"flatten-{outline}-{seed}") if out is None else out
-    loop = build_loop(chosen, seed=seed)
+    RunFolder.check_free(path)
+    log = _log_of(chosen, path)
+    try:
+        loop = build_loop(chosen, seed=seed, site=site, log=log, approve=approve)
+    except BaseException:
+        _forget(log)
+        raise
     folder = RunFolder.create(path, _settings(chosen, seed))
     _save_cloth(folder, loop)
-    return Session(loop, folder)
+    return Session(loop, folder, log)
 
 
-def go_on(run: Path, choices: Choices) -> Session:
+def go_on(
+    run: Path, choices: Choices, *, site: Site | None = None, approve: Approve | None = None
+) -> Session:
     """Go on with a run, from the cloth and the memory after its last complete look.
 
     Args:
         run: its folder.
         choices: only arms and actions may change.
+        site, approve: see `begin`.
 
     Raises:
         InputError: it is no run, it is flat already, something else was chosen, or a file is damaged.
+        HardwareError: a device of the station does not get ready.
     """
     fixed = [
         f"--{field.name}"
@@ -148,11 +186,43 @@ def go_on(run: Path, choices: Choices) -> Session:
     if last is not None:
         look = folder.look(last)
         memory = Memory.from_json(look.action().memory)
-        state = ClothState.load(look.after_file)
-    loop = build_loop(scenario, seed=folder.settings.seed, state=state, memory=memory)
+        if scenario.station.form != HARDWARE:
+            state = ClothState.load(look.after_file)
+    log = _log_of(scenario, folder.path)
+    try:
+        loop = build_loop(
+            scenario,
+            seed=folder.settings.seed,
+            state=state,
+            memory=memory,
+            site=site,
+            log=log,
+            approve=approve,
+        )
+    except BaseException:
+        _forget(log)
+        raise
     folder.go_on()
     _save_cloth(folder, loop)
-    return Session(loop, folder)
+    return Session(loop, folder, log)
+
+
+def _log_of(scenario: Scenario, path: Path) -> RunLog | None:
+    """A new log in a run's folder, where there is a controller to speak of."""
+    if scenario.station.form not in (LOOPBACK, HARDWARE):
+        return None
+    count = len(list(path.glob("controller-*.jsonl"))) if path.is_dir() else 0
+    header = {"program": "unwrinkle", "version": __version__, "station": scenario.station.form}
+    return RunLog.create(path / f"controller-{count + 1}.jsonl", header)
+
+
+def _forget(log: RunLog | None) -> None:
+    """Leave nothing behind of a run that did not begin."""
+    if log is not None:
+        log.close()
+        log.path.unlink(missing_ok=True)
+        with suppress(OSError):
+            log.path.parent.rmdir()
 
 
 def _settings(scenario: Scenario, seed: int) -> RunSettings:

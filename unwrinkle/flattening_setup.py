@@ -1,6 +1,8 @@
 """From a scenario to the loop that is ready to run: cell, head, cloth, station and diagram."""
 
 import dataclasses as dc
+import datetime
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,20 +10,30 @@ import numpy as np
 import yaml
 from pydrake.systems.framework import Diagram
 
+from unwrinkle._preflight_site import check_calibration
+from unwrinkle.hardware.logging_ports import RunLogger
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell, load_cell
-from unwrinkle.models.scenario import Scenario, with_sensor
+from unwrinkle.models.scenario import Scenario, resolve, with_sensor
+from unwrinkle.models.site import Site, loopback_site
 from unwrinkle.perception.head import StereoHead
-from unwrinkle.perception.head_file import nominal_calibration
+from unwrinkle.perception.head_file import load_calibration, nominal_calibration
 from unwrinkle.perception.warm_up import ensure_compiled
 from unwrinkle.simulation.cloth import Cloth, ClothState, Support
 from unwrinkle.simulation.outlines import outline
 from unwrinkle.simulation.wrinkle_makers import start_state
 from unwrinkle.systems.flattening_diagram import build_flattening_diagram
+from unwrinkle.systems.hardware_station import build_hardware_station
 from unwrinkle.systems.judgement import Memory
-from unwrinkle.systems.sim_station import StationFaults, build_sim_station
+from unwrinkle.systems.loopback_station import build_loopback_station
+from unwrinkle.systems.plan_verification import Approve
+from unwrinkle.systems.sim_station import build_sim_station
+from unwrinkle.systems.simulated_world import SimulatedStation, StationFaults
+from unwrinkle.systems.supervisor_state import SupervisorSettings
 
+#: Forms of the station beside the plain simulation.
+LOOPBACK, HARDWARE = "loopback", "hardware"
 #: What `--sensor` may say, and what it means in a scenario: kind, depth camera.
 SENSORS = {"stereo": ("stereo", None), "xtion": ("depth", "xtion"), "tof": ("depth", "tof")}
 
@@ -37,6 +49,8 @@ class Loop:
         station: with the ports of `systems.ports`.
         diagram: station, perception, planner, verification and supervisor.
         seed: of every random choice.
+        real: the station's devices live on the computer's clock, and the diagram must run no faster.
+        close: ends the station's devices; a second time changes nothing.
     """
 
     cell: Cell
@@ -45,6 +59,8 @@ class Loop:
     station: Diagram
     diagram: Diagram
     seed: int
+    real: bool = False
+    close: Callable[[], None] = lambda: None
 
 
 def with_choices(
@@ -58,6 +74,7 @@ def with_choices(
     arms: str | None = None,
     mode: str | None = None,
     actions: int | None = None,
+    station: str | None = None,
 ) -> Scenario:
     """A scenario with what the user chose instead of what it says; None keeps it.
 
@@ -71,11 +88,10 @@ def with_choices(
     def changed(part: Any, **values: Any) -> Any:
         return dc.replace(part, **{k: v for k, v in values.items() if v is not None})
 
-    station = scenario.station
-    worn = changed(station.garment, outline=garment, start=start, texture=texture)
+    worn = changed(scenario.station.garment, outline=garment, start=start, texture=texture)
     result: Scenario = dc.replace(
         scenario,
-        station=dc.replace(station, garment=worn),
+        station=changed(scenario.station, garment=worn, form=station),
         sensor=changed(scenario.sensor, kind=kind, depth_camera=camera, scale=scale),
         loop=changed(scenario.loop, arms=arms, mode=mode, actions=actions),
     )
@@ -113,6 +129,9 @@ def build_loop(
     state: ClothState | None = None,
     memory: Memory | None = None,
     faults: StationFaults | None = None,
+    site: Site | None = None,
+    log: RunLogger | None = None,
+    approve: Approve | None = None,
 ) -> Loop:
     """Build everything.
 
@@ -122,18 +141,96 @@ def build_loop(
         state: of the cloth, to go on from; None lets the garment lie as the scenario starts.
         memory: of the judgement, to go on with.
         faults: what shall go wrong in the station, for tests.
+        site: of the devices; the hardware station needs it, the loopback station may have it.
+        log: takes what the controller is sent and what it measures; not in the sim station.
+        approve: asked about each plan that is safe; None approves.
 
     Raises:
-        InputError: the scenario names what is not there, or the garment does not fit the table.
+        InputError: the scenario names what is not there, the garment does not fit the table, or the site is missing or
+            lacks a device.
+        HardwareError: a device does not get ready.
     """
     if scenario.sensor.kind == "stereo":
         ensure_compiled()  # so that this run can be repeated bit by bit
+    form = scenario.station.form
+    if form == HARDWARE:
+        return _on_hardware(scenario, seed, memory, site, log, approve)
     cell = load_cell(scenario)
     head = nominal_calibration().stereo_head(cell.limits.head)
     cloth = simulated_cloth(cell)
     if state is None:
         x, y = scenario.garment_centre
         state = start_state(cloth, scenario.station.garment.start, (x, y), seed)
-    station = build_sim_station(cell, cloth, state, head=head, seed=seed, faults=faults)
-    diagram = build_flattening_diagram(cell, station, head, memory=memory, seed=seed)
-    return Loop(cell, head, cloth, station, diagram, seed)
+    settings, close = SupervisorSettings(), lambda: None
+    station: SimulatedStation
+    if form == LOOPBACK:
+        site = site or loopback_site()
+        settings = supervisor_settings(site)
+        station = build_loopback_station(
+            cell, cloth, state, head=head, seed=seed, faults=faults, site=site, log=log
+        )
+        close = station.close
+    else:
+        station = build_sim_station(cell, cloth, state, head=head, seed=seed, faults=faults)
+    diagram = build_flattening_diagram(
+        cell, station, head, settings=settings, memory=memory, approve=approve, seed=seed
+    )
+    return Loop(cell, head, cloth, station, diagram, seed, close=close)
+
+
+def supervisor_settings(site: Site) -> SupervisorSettings:
+    """Deadlines that leave a site's devices the time that they may take."""
+    c, cameras = site.controller, site.cameras
+    look = cameras.attempts * cameras.timeout + site.pan_tilt.motion_timeout
+    return SupervisorSettings(
+        look=max(30.0, look + 5.0),
+        rest=2.0,
+        answer=1.0 + c.start_timeout + c.pause,
+        gripper=site.grippers.timeout + 2.0,
+        start=max(1e-3, c.start_tolerance),
+        speed=site.speed,
+    )
+
+
+def _on_hardware(
+    scenario: Scenario,
+    seed: int,
+    memory: Memory | None,
+    site: Site | None,
+    log: RunLogger | None,
+    approve: Approve | None,
+) -> Loop:
+    """The loop around a site's devices, at the site's speed, with its calibration.
+
+    Raises:
+        InputError: nobody is asked about plans, the site is being commissioned, or its calibration is missing or too old.
+    """
+    if site is None:
+        raise InputError("the hardware station needs --site FILE, see models/sites")
+    if approve is None:
+        raise InputError(
+            f"the hardware station moves the robot of site {site.name}; say so with --go, or rehearse "
+            "with --station loopback"
+        )
+    if site.commissioning:
+        raise InputError(
+            f"site {site.name} is being commissioned: run single plans with `unwrinkle execute` first; "
+            "then set commissioning: false"
+        )
+    check_calibration(site, datetime.date.today())
+    cell = load_cell(scenario)
+    calibration = (
+        load_calibration(resolve(site.calibration)) if site.calibration else nominal_calibration()
+    )
+    head = calibration.stereo_head(cell.limits.head)
+    station = build_hardware_station(cell, site, head=head, log=log)
+    diagram = build_flattening_diagram(
+        cell,
+        station,
+        head,
+        settings=supervisor_settings(site),
+        memory=memory,
+        approve=approve,
+        seed=seed,
+    )
+    return Loop(cell, head, None, station, diagram, seed, real=True, close=station.close)

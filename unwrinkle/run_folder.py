@@ -85,10 +85,7 @@ class RunFolder:
             InputError: there is a run already, it is a file, or it cannot be written.
         """
         path = Path(path)
-        if path.exists() and not path.is_dir():
-            raise InputError(f"{path}: is a file; name a folder for the run")
-        if (path / _RUN).exists():
-            raise InputError(f"{path}: holds a run already; name another folder, or go on with it")
+        cls.check_free(path)
         record = {
             "format": _FORMAT,
             "version": _VERSION,
@@ -106,6 +103,18 @@ class RunFolder:
         run = cls(path, record)
         _append(path / _EVENTS, "")
         return run
+
+    @staticmethod
+    def check_free(path: Path) -> None:
+        """Refuse a folder that a new run cannot have.
+
+        Raises:
+            InputError: there is a run already, or it is a file.
+        """
+        if path.exists() and not path.is_dir():
+            raise InputError(f"{path}: is a file; name a folder for the run")
+        if (path / _RUN).exists():
+            raise InputError(f"{path}: holds a run already; name another folder, or go on with it")
 
     @classmethod
     def open(cls, path: str | Path) -> "RunFolder":

@@ -1,6 +1,10 @@
 """A simulated station with hands on its ports."""
 
+import dataclasses as dc
+import threading
+import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,15 +12,26 @@ import pytest
 from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram
 
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import load_scenario
+from unwrinkle.models.site import CameraSite, PanTiltSite, loopback_site
 from unwrinkle.perception.head import Gaze
 from unwrinkle.perception.head_file import nominal_calibration
 from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.simulation.cloth import Cloth, ClothState, Support
+from unwrinkle.simulation.controller_server import ControllerServer
+from unwrinkle.simulation.digital_grippers import VirtualDigitalGrippers
 from unwrinkle.simulation.outlines import outline
+from unwrinkle.simulation.serial_pan_tilt import PtyPort, UnitSettings, VirtualSerialPanTilt
+from unwrinkle.simulation.virtual_controller import (
+    VirtualController,
+    VirtualControllerSettings,
+)
+from unwrinkle.systems.hardware_station import build_hardware_station
+from unwrinkle.systems.loopback_station import build_loopback_station
 from unwrinkle.systems.ports import (
     ControllerStatus,
     GripperCommand,
@@ -25,7 +40,7 @@ from unwrinkle.systems.ports import (
     HeadImage,
     TrajectoryCommand,
 )
-from unwrinkle.systems.sim_station import SimStation, build_sim_station
+from unwrinkle.systems.sim_station import build_sim_station
 
 Array = NDArray[np.float64]
 
@@ -37,7 +52,7 @@ class Bench:
         head = nominal_calibration().stereo_head(cell.limits.head)
         support = Support((0.0, -1.2), (0.8, 0.8), 0.70)
         cloth = Cloth(outline("towel", 32), load_material("terry"), support)
-        self.station: SimStation = build_sim_station(
+        self.station: Diagram = self._built(
             cell, cloth, state or cloth.flat((0.0, -1.1)), head=head, seed=1, **options
         )
         self.simulator = Simulator(self.station)
@@ -48,6 +63,9 @@ class Bench:
         self.station.GetInputPort("speed_override").FixValue(self.context, [1.0])
         self.simulator.Initialize()
         self.number = 0
+
+    def _built(self, *args: Any, **options: Any) -> Diagram:
+        return build_sim_station(*args, **options)
 
     def send(self, port: str, command: Any) -> None:
         self.station.GetInputPort(port).FixValue(self.context, Value(command))
@@ -118,3 +136,115 @@ def _swing(start: Array, axis: int = 1, way: float = 0.4, duration: float = 1.0)
     share = u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
     rate = 30.0 * u**2 * (1.0 - u) ** 2 / duration
     return Trajectory(duration * u, start + np.outer(share, unit), np.outer(rate, unit))
+
+
+class Rig(Bench):
+    """A station of any form, whose commands are numbered and answered in their own time."""
+
+    def __init__(self, form: str, cell: Cell, folder: Path) -> None:
+        self._form, self._devices = form, None
+        if form == "hardware":
+            self._devices = VirtualEquipment(cell, folder)
+        super().__init__(cell)
+
+    def _built(self, cell: Cell, *args: Any, **options: Any) -> Diagram:
+        if self._form == "sim":
+            return build_sim_station(cell, *args, **options)
+        if self._form == "loopback":
+            return build_loopback_station(cell, *args, **options)
+        assert self._devices is not None
+        return build_hardware_station(cell, self._devices.site, head=options["head"])
+
+    @property
+    def time(self) -> float:
+        return float(self.context.get_time())
+
+    def go(self, duration: float) -> None:
+        if self._devices is None:
+            super().go(duration)
+            return
+        for _ in range(max(round(duration / 0.025), 1)):
+            begin = time.monotonic()
+            super().go(0.025)
+            time.sleep(max(0.0, 0.025 - (time.monotonic() - begin)))
+
+    def send_motion(self, trajectory: Trajectory | None) -> int:
+        self.number += 1
+        self.resend(self.number, trajectory)
+        return self.number
+
+    def resend(self, number: int, trajectory: Trajectory | None) -> None:
+        self.send("trajectory", TrajectoryCommand(number, trajectory, "motion"))
+
+    def send_grip(self, closed: tuple[bool, bool]) -> int:
+        self.number += 1
+        self.send("gripper.command", GripperCommand(self.number, closed))
+        return self.number
+
+    def send_look(self, gaze: Gaze) -> int:
+        self.number += 1
+        self.send("head.command", HeadCommand(self.number, gaze))
+        return self.number
+
+    def override(self, value: float) -> None:
+        self.station.GetInputPort("speed_override").FixValue(self.context, [value])
+
+    def close(self) -> None:
+        if self._form != "sim":
+            self.station.close()
+        if self._devices is not None:
+            self._devices.close()
+
+
+class VirtualEquipment:
+    """A virtual controller and two pan-tilt units in a thread of their own, in real time, and a folder of pairs."""
+
+    def __init__(self, cell: Cell, folder: Path) -> None:
+        limits = cell.limits
+        start = np.array(cell.robot.named_states["home"])
+        site = loopback_site()
+        self._controller = VirtualController(
+            VirtualControllerSettings(), start, (limits.lower, limits.upper, limits.velocity)
+        )
+        self._server = ControllerServer(self._controller)
+        self._jaws = VirtualDigitalGrippers(site.grippers)
+        step = nominal_calibration().stereo_head(cell.limits.head).left.unit.step
+        arcseconds = float(np.degrees(step) * 3600.0)
+        low, high = round(-2.7 / step), round(2.7 / step)
+        settings = UnitSettings(
+            (arcseconds,) * 2, (low, high), (round(-0.8 / step), round(0.5 / step))
+        )
+        self._units = [VirtualSerialPanTilt(settings) for _ in range(2)]
+        self._lines = [PtyPort() for _ in range(2)]
+        names = ("motion_port", "state_port", "io_port")
+        ports = dict(zip(names, self._server.ports, strict=True))
+        self.site = dc.replace(
+            site,
+            controller=dc.replace(site.controller, **ports),
+            pan_tilt=PanTiltSite(*(line.device for line in self._lines)),
+            cameras=CameraSite("folder", folder=str(folder)),
+        )
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._over.wait(0.002):
+            now = time.monotonic()
+            self._controller.inputs.update(self._jaws.update(now, self._controller.outputs))
+            self._server.poll(now)
+            for line, unit in zip(self._lines, self._units, strict=True):
+                line.poll(unit, now)
+
+    def close(self) -> None:
+        self._over.set()
+        self._thread.join(5.0)
+        self._server.close()
+        for line in self._lines:
+            line.close()
+
+
+@pytest.fixture
+def make_rig(station_cell: Cell) -> Callable[..., Rig]:
+    """Stations of every form; a folder of pairs is what a real camera sees."""
+    return lambda form, folder: Rig(form, station_cell, folder)

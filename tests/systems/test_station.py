@@ -21,7 +21,7 @@ from unwrinkle.systems.ports import (
     ControllerStatus,
     GripperStatus,
 )
-from unwrinkle.systems.sim_station import StationFaults
+from unwrinkle.systems.simulated_world import StationFaults
 
 Array = NDArray[np.float64]
 Swing = Callable[..., Trajectory]

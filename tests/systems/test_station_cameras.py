@@ -23,7 +23,7 @@ from unwrinkle.simulation.wrinkle_makers import ridge
 from unwrinkle.systems.cell_photographer import CellPhotographer, Posture, averaged
 from unwrinkle.systems.head_system import ACCELERATION
 from unwrinkle.systems.ports import GripperCommand, HeadCommand, HeadImage, TrajectoryCommand
-from unwrinkle.systems.sim_station import StationFaults
+from unwrinkle.systems.simulated_world import StationFaults
 
 MakeBench = Callable[..., Any]
 

@@ -18,7 +18,7 @@ from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import load_scenario
 from unwrinkle.run_folder import RunFolder
 from unwrinkle.station_view import StationView
-from unwrinkle.systems.sim_station import StationFaults
+from unwrinkle.systems.simulated_world import StationFaults
 from unwrinkle.systems.supervisor_state import Situation
 
 Run = Callable[..., tuple[int, str]]

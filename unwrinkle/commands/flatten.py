@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
     from unwrinkle.flattening_run import Ending
     from unwrinkle.flattening_session import Session
+    from unwrinkle.models.site import Site
+    from unwrinkle.systems.plan_verification import Approve
 
 #: Exit codes beside 0 (flat) and 2 (bad input): an honest stop, a fault, an interrupt.
 EXIT_CODES = {"flat": 0, "stopped": 3, "fault": 1, "interrupted": 130}
@@ -47,6 +49,21 @@ def flatten(
     actions: Annotated[
         int | None, typer.Option(min=0, help="Most actions [the scenario's].")
     ] = None,
+    station: Annotated[
+        str | None,
+        typer.Option(
+            help="sim, loopback (the real drivers against virtual devices) or hardware [the scenario's]."
+        ),
+    ] = None,
+    site: Annotated[
+        str | None,
+        typer.Option(
+            help="The site's file, or a shipped one's name; the hardware station needs it."
+        ),
+    ] = None,
+    go: Annotated[
+        bool, typer.Option("--go", help="Move the robot; each plan is confirmed by its hash.")
+    ] = False,
     scenario: ScenarioOption = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the run [out/flatten-GARMENT-SEED].")
@@ -63,26 +80,37 @@ def flatten(
         int | None, typer.Option(help="Of the live view [the first free one from 7000].")
     ] = None,
 ) -> None:
-    """Look, plan, prove, pull, and look again, until the simulated garment is flat; watch it, and read its report."""
+    """Look, plan, prove, pull, and look again, until the garment is flat; watch it, and read its report."""
     from rich.console import Console
 
     from unwrinkle.flattening_session import Choices, begin, go_on
 
     console = Console()
-    choices = Choices(garment, start, texture, seed, sensor, scale, arms, mode, actions)
+    choices = Choices(garment, start, texture, seed, sensor, scale, arms, mode, actions, station)
+    where, approve = _devices(site, go, console)
     if resume is not None:
         if scenario is not None or out is not None:
             raise InputError("--resume goes on with a run's own scenario, in its own folder")
         with console.status("reading the run"):
-            session = go_on(resume, choices)
+            session = go_on(resume, choices, site=where, approve=approve)
     else:
         with console.status("preparing the cell and the garment"):
-            session = begin(choices, scenario, out)
+            session = begin(choices, scenario, out, site=where, approve=approve)
     console.print(f"run {session.folder.path}", highlight=False, soft_wrap=True)
     live = (sys.stdout.isatty() if live is None else live) or port is not None
     ending = _run(session, console, live=live, port=port)
     _say_ending(console, session, ending)
     raise typer.Exit(EXIT_CODES[ending.status])
+
+
+def _devices(
+    site: str | None, go: bool, console: "Console"
+) -> tuple["Site | None", "Approve | None"]:
+    """The site, and who is asked about each plan."""
+    from unwrinkle.confirmation import Confirmation
+    from unwrinkle.sites import find_site
+
+    return None if site is None else find_site(site), Confirmation(console) if go else None
 
 
 def _run(session: "Session", console: "Console", *, live: bool, port: int | None) -> "Ending":

@@ -1,0 +1,220 @@
+"""The controller's driver: one state machine for all thirteen axes, driven by `poll`.
+
+A fault latches. What can still be commanded and seen well enough brakes along the path: feedback that ends (state
+connection lost, garbage or silence on it), the I/O connection lost, a log that cannot be written, a driver that is polled
+late too often. Everything else stops all groups at once with one STOP_MOTION: an axis off its path, feedback that cannot
+be (not finite, beyond limits, a jump), emergency stop, teach mode, remote or servos off, an alarm, a point that the
+controller refuses, a wrong, missing or overdue answer, a queue that has run out. Where the motion connection is lost
+nothing can be sent; the controller's queues run out and its servos brake.
+"""
+
+from unwrinkle.hardware._driver_motion import ARRIVED_SPEED, DriverMotion, not_reset
+from unwrinkle.hardware._io_channel import IoChannel
+from unwrinkle.hardware._start_sequence import StartSequence
+from unwrinkle.hardware._trajectory_check import trajectory_problem
+from unwrinkle.hardware.monitor import AXIS_NAMES
+from unwrinkle.hardware.streaming import PointStream
+from unwrinkle.hardware.values import (
+    FAULT,
+    HELD,
+    HOLDING,
+    READY,
+    RUNNING,
+    STARTING,
+    STOPPING,
+)
+from unwrinkle.models.errors import HardwareError
+from unwrinkle.planning.trajectory import Trajectory
+
+
+class ControllerDriver(DriverMotion):
+    """Runs trajectories on the robot. Every command returns at once; `status` tells what became of it."""
+
+    # Commands
+
+    def run(self, number: int, trajectory: Trajectory, name: str = "") -> None:
+        """Run a trajectory from where the robot stands; one that cannot be run is refused with a reason.
+
+        Args:
+            number: counts up with every command; one seen before changes nothing.
+            trajectory: all thirteen axes, from rest to rest, within the limits.
+            name: for messages.
+        """
+        if number <= self._command:
+            return
+        self._command = number
+        self._reason = self._reason if self._state == FAULT else ""
+        problem = self._cannot_run(trajectory)
+        if problem:
+            self._refuse(number, name, problem)
+        else:
+            assert self._channel is not None
+            self._waiting = (number, trajectory, name)
+            earliest = self._rest_since + self.site.pause
+            self._stream = None
+            self._start = StartSequence(self.site, self._channel, self._in_mode, earliest)
+            self._state = STARTING
+            self._event("run", f"trajectory {number} {name}".strip(), duration=trajectory.duration)
+        self._publish()
+
+    def hold(self, number: int) -> None:
+        """Brake along the path to rest; at rest it is done at once."""
+        if number <= self._command:
+            return
+        self._command = number
+        if self._state in (RUNNING, HOLDING):
+            self._hold_number = number
+            self._hold("hold commanded")
+        elif self._state == STARTING:
+            self._waiting, self._start, self._state = None, None, READY
+            self._completed, self._reason = number, "hold commanded before the motion began"
+        elif self._state in (READY, HELD):
+            self._completed = number
+        self._publish()
+
+    def resume(self, number: int) -> None:
+        """Go on along the path after a hold; `completed` gets this number at its end."""
+        if number <= self._command:
+            return
+        self._command, stream = number, self._stream
+        problem = f"there is nothing to resume, the driver is {self._state}"
+        if self._state in (HOLDING, HELD) and stream is not None:
+            problem = self._cannot_resume(stream)
+            if not problem:
+                self._number, self._reason, self._ended = number, "", None
+                self._hold_number = 0
+                self._state = RUNNING
+                stream.clock.set_rate(self._override)
+                self._event("resume", f"resumed by command {number}")
+        if problem and self._state != FAULT:
+            self._reason = f"resume {number} refused: {problem}"
+        self._publish()
+
+    def stop(self, reason: str) -> None:
+        """Hold, then leave trajectory mode; what ran cannot be resumed."""
+        if self._state in (RUNNING, HOLDING, HELD, STARTING, READY):
+            if self._state in (RUNNING, HOLDING):
+                self._hold(reason)
+            elif self._state != HELD:
+                self._stream = None
+            self._ended = None
+            self._waiting, self._start = None, None
+            self._state, self._reason, self._leaving = STOPPING, reason, None
+            self._event("stop", reason)
+        self._publish()
+
+    def reset(self) -> None:
+        """Leave a fault, if the robot is at rest and its status allows; what ran is gone."""
+        if self._state != FAULT:
+            return
+        problem = self._cannot_reset()
+        if problem:
+            self._reason = not_reset(self._reason, problem)
+        else:
+            self._resetting = self._now
+            self._next_ask = float("-inf")
+        self._publish()
+
+    def set_override(self, value: float) -> None:
+        """Run at a share of the planned speed, 0 to 1, from now on; anything else is refused and changes nothing."""
+        if not 0.0 <= value <= 1.0:
+            if self._state != FAULT:
+                self._reason = f"speed override {value} refused: give 0 to 1"
+            self._publish()
+            return
+        changed = value != self._override
+        self._override = float(value)
+        if self._state == RUNNING and self._stream is not None:
+            self._stream.clock.set_rate(self._override)
+        if changed:
+            self._event("override", f"speed override {value:g}", value=float(value))
+        self._publish()
+
+    def write_output(self, address: int, value: int) -> None:
+        """Set a digital output, 0 or 1; `outputs_written` tells when it is done.
+
+        Raises:
+            HardwareError: there is no I/O connection.
+        """
+        self._connected_io().write(address, value)
+        self._event("output", f"output {address} to {value}", address=address, value=value)
+
+    def read_input(self, address: int) -> None:
+        """Read a digital input; `inputs` gets its value.
+
+        Raises:
+            HardwareError: there is no I/O connection.
+        """
+        self._connected_io().read(address)
+
+    # Time
+
+    def poll(self, now: float) -> None:
+        """Read what came, judge it, and send what is due; never blocks.
+
+        Args:
+            now: of any monotonic clock, s.
+        """
+        if not self.links:
+            return
+        gap = now - self._now if self._polled else 0.0
+        if not self._polled:
+            self._polled, self._since = True, now
+        self._now = now
+        moving = self._stream is not None and not self._stream.at_rest(now)
+        new = self._read(now)
+        self._take_answers(now)
+        self._judge(now, gap, moving, new)
+        self._step(now)
+        self._publish()
+
+    # Why something cannot be done; empty if it can
+
+    def _cannot_run(self, trajectory: Trajectory) -> str:
+        if self._state == FAULT:
+            return f"the driver is in fault ({self._reason}); reset it and plan anew"
+        if self._state not in (READY, HELD):
+            return f"the driver is {self._state}; wait until it is ready"
+        return trajectory_problem(trajectory, self.limits, AXIS_NAMES) or self._cannot_start(
+            trajectory
+        )
+
+    def _cannot_resume(self, stream: PointStream) -> str:
+        last = stream.clock.last
+        if stream.clock.done or last is None:
+            return "the trajectory is at its end"
+        if self._robot is None or self.feedback is None:
+            return "nothing is known of the robot"
+        if self._robot.problem:
+            return self._robot.problem
+        if self._age(self._now) > self.site.hold_after:
+            return (
+                f"feedback is {self._age(self._now):.2f} s old, at most {self.site.hold_after:g} s"
+            )
+        if self._state == HOLDING:  # still under way
+            return ""
+        return self._monitor.stands(self.feedback, last.positions)
+
+    def _cannot_reset(self) -> str:
+        if self._reader is None or self._channel is None or self._io is None:
+            return "a connection is lost; close the driver and connect again"
+        if self._log_problem:
+            return self._log_problem
+        if self._braking is not None:
+            return "the robot is still braking"
+        if self.feedback is None or self._age(self._now) > self.site.hold_after:
+            return "feedback is missing or old"
+        speed = abs(self.feedback.velocities).max()
+        if not speed <= ARRIVED_SPEED:
+            return f"the robot moves ({speed:.3f} rad/s)"
+        robot = self._robot
+        if robot is None or (robot.problem and robot.in_error != 1) or robot.e_stopped == 1:
+            return "its status is not known" if robot is None else robot.problem
+        return ""
+
+    def _connected_io(self) -> IoChannel:
+        if self._io is None:
+            raise HardwareError(
+                f"no I/O connection to {self.site.host}:{self.site.io_port}; connect first"
+            )
+        return self._io

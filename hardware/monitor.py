@@ -1,0 +1,163 @@
+"""What may not be: feedback too old or impossible, an axis off its path, a robot that may not move, a driver that is late."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.hardware._feedback import interval
+from unwrinkle.hardware.streaming import PointStream
+from unwrinkle.hardware.values import JointFeedback, RobotStatus
+from unwrinkle.models.limits import Limits
+from unwrinkle.models.site import ControllerSite
+
+Array = NDArray[np.float64]
+
+#: Names of the thirteen axes, for messages.
+AXIS_NAMES = ("ext_axis", *(f"{arm}_{axis}" for arm in ("r1", "r2") for axis in "slurbt"))
+
+#: Beyond a limit by so much is impossible, rad.
+BEYOND = 5e-3
+#: An axis that moves faster than so many times its limit, and so much more, has not moved: its encoder is wrong.
+_JUMP_FACTOR, _JUMP_ROOM = 1.5, 5e-3
+#: Lags are sought in steps of this, s.
+_LAG_STEP = 0.001
+#: Share of a new lag in the one that is told.
+_LAG_SHARE = 0.2
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is wrong.
+
+    Attributes:
+        kind: one word.
+        text: a sentence for the user.
+        brake: whether the robot can still brake along its path; else it is stopped at once.
+    """
+
+    kind: str
+    text: str
+    brake: bool = False
+
+
+class Monitor:
+    """Judges what a driver sees; remembers only how late and how far off it was.
+
+    Attributes:
+        late: polls that came later than the site allows.
+        following_error: largest distance of an axis from where it was sent, rad, the lag taken out.
+        lag: that fits the motion best, s.
+    """
+
+    def __init__(self, site: ControllerSite, limits: Limits) -> None:
+        """Judge by a site's settings and the robot's limits."""
+        self._site = site
+        self._limits = limits
+        self._lags = np.arange(0.0, site.latency + 0.5 * _LAG_STEP, _LAG_STEP)
+        self.late = 0
+        self.following_error = 0.0
+        self.lag = 0.0
+
+    def restart(self) -> None:
+        """Forget what was seen of the trajectory before."""
+        self.late = 0
+        self.following_error = 0.0
+        self.lag = 0.0
+
+    def polled(self, gap: float, streaming: bool) -> Finding | None:
+        """Judge the time since the poll before, s."""
+        if not gap >= 0.0:
+            return Finding(
+                "clock", f"the host's clock went back by {-gap:.3f} s; use a monotonic one"
+            )
+        if not gap > self._site.late:
+            return None
+        self.late += 1
+        if not streaming or self.late <= self._site.late_budget:
+            return None
+        return Finding(
+            "late",
+            f"the driver was polled late {self.late} times (by more than {1e3 * self._site.late:.0f} ms), at most "
+            f"{self._site.late_budget}; is this machine too busy?",
+            brake=True,
+        )
+
+    def plausible(self, feedback: JointFeedback, last: JointFeedback | None) -> Finding | None:
+        """Judge a set of feedback by itself and by the one before."""
+        q = feedback.positions
+        if not np.isfinite(q).all():
+            axis = AXIS_NAMES[int(np.argmin(np.isfinite(q)))]
+            return Finding("feedback", f"feedback of {axis} is not a finite number")
+        beyond = np.maximum(q - self._limits.upper, self._limits.lower - q)
+        axis_index = int(beyond.argmax())
+        if beyond[axis_index] > BEYOND:
+            low, high = self._limits.lower[axis_index], self._limits.upper[axis_index]
+            hint = "; are these degrees?" if np.abs(q).max() > 4.0 else ""
+            return Finding(
+                "feedback",
+                f"feedback says {AXIS_NAMES[axis_index]} stands at {q[axis_index]:.4f} rad, its limits are "
+                f"{low:.4f} and {high:.4f} rad{hint}",
+            )
+        if last is None:
+            return None
+        period = self._site.feedback_period
+        step = max(interval(last, feedback.received, feedback.stamp, period), period)
+        room = _JUMP_FACTOR * self._limits.velocity * step + _JUMP_ROOM
+        over = np.abs(q - last.positions) - room
+        axis_index = int(over.argmax())
+        if over[axis_index] > 0.0:
+            moved = abs(q[axis_index] - last.positions[axis_index])
+            return Finding(
+                "jump",
+                f"feedback of {AXIS_NAMES[axis_index]} jumped by {moved:.4f} rad in {1e3 * step:.0f} ms, at most "
+                f"{room[axis_index]:.4f} rad is possible; check its encoder",
+            )
+        return None
+
+    def follows(self, feedback: JointFeedback, stream: PointStream) -> Finding | None:
+        """Judge how the robot follows what was sent: one lag for all axes, within the site's latency."""
+        times = stream.reckoned(feedback.received) - self._lags
+        off = np.abs(stream.commanded(times) - feedback.positions)
+        # The lag that fits the axes together; one axis that is off does not hide behind the others.
+        sums = off.sum(axis=1)
+        best = int(sums.argmin())
+        error = float(off[best].max())
+        # At rest every lag fits.
+        if sums.max() - sums.min() > 1e-3:
+            self.lag += _LAG_SHARE * (float(self._lags[best]) - self.lag)
+        self.following_error = max(self.following_error, error)
+        if error <= self._site.following:
+            return None
+        axis = int(off[best].argmax())
+        return Finding(
+            "following",
+            f"{AXIS_NAMES[axis]} is {error:.4f} rad off its path at {stream.progress(feedback.received):.3f} s, at "
+            f"most {self._site.following:g} rad (lags up to {1e3 * self._site.latency:.0f} ms taken out)",
+        )
+
+    def stands(self, feedback: JointFeedback, positions: Array) -> str:
+        """Why the robot does not stand where it has to be for a motion to begin; empty if it does."""
+        off = np.abs(feedback.positions - positions)
+        axis = int(off.argmax())
+        if off[axis] <= self._site.start_tolerance:
+            return ""
+        return (
+            f"the robot stands {1e3 * off[axis]:.2f} mrad off on {AXIS_NAMES[axis]}, at most "
+            f"{1e3 * self._site.start_tolerance:.2f} mrad; plan from where it stands"
+        )
+
+    def robot(self, status: RobotStatus | None, moving: bool) -> Finding | None:
+        """Judge the robot's status while a trajectory is under way; `moving`: it was possible before."""
+        if status is None:
+            return None
+        if status.problem:
+            return Finding("robot", status.problem)
+        if moving and status.drives_powered == 0:
+            return Finding("robot", "the servos are off")
+        if moving and status.motion_possible == 0:
+            return Finding(
+                "robot",
+                "the controller says that motion is not possible any more: hold pressed, remote off, or its job ended?",
+            )
+        return None

@@ -1,0 +1,107 @@
+"""Digital inputs and outputs of the virtual controller."""
+
+from unwrinkle.hardware.wire import (
+    CommType,
+    IoReply,
+    IoResult,
+    Message,
+    MessageType,
+    ReadIo,
+    ReadIoGroup,
+    ReadIoGroupReply,
+    ReadIoReply,
+    ReplyCode,
+    Result,
+    Subcode,
+    WireError,
+    WriteIo,
+    WriteIoGroup,
+    WriteIoGroupReply,
+    WriteIoReply,
+    ping,
+)
+
+# First and last address; the last digit is a bit, 0 to 7. General inputs ASSUMED to mirror the general outputs.
+_OUTPUTS = (10010, 12567)
+_READABLE = ((10, 2567), _OUTPUTS, (25010, 27567), (60010, 60647))
+
+
+def _known(address: int, ranges: tuple[tuple[int, int], ...]) -> bool:
+    return address % 10 <= 7 and any(low <= address <= high for low, high in ranges)
+
+
+class InputsAndOutputs:
+    """Answers what the I/O connection asks.
+
+    Attributes:
+        inputs, outputs: 0 or 1 by address; what is not in there is 0.
+    """
+
+    def __init__(self) -> None:
+        """All off."""
+        self.inputs: dict[int, int] = {}
+        self.outputs: dict[int, int] = {}
+
+    def answer(self, message: Message) -> list[Message]:
+        """The reply to one message."""
+        if message.comm != CommType.REQUEST:
+            return [_invalid(Subcode.INVALID_HEADER)]
+        try:
+            if message.type == MessageType.PING:
+                return [ping(CommType.REPLY, ReplyCode.SUCCESS)]
+            if message.type == MessageType.READ_IO_BIT:
+                return [self._read(ReadIo.of(message).address)]
+            if message.type == MessageType.WRITE_IO_BIT:
+                return [self._write(WriteIo.of(message))]
+            if message.type == MessageType.READ_IO_GROUP:
+                return [self._read_group(ReadIoGroup.of(message).address)]
+            if message.type == MessageType.WRITE_IO_GROUP:
+                return [self._write_group(WriteIoGroup.of(message))]
+        except WireError:
+            return [_invalid(Subcode.INVALID_SIZE)]
+        return [_invalid(Subcode.INVALID_TYPE)]
+
+    def _read(self, address: int) -> Message:
+        if not _known(address, _READABLE):
+            return ReadIoReply(0, IoResult.READ_ADDRESS).to_message(reply=ReplyCode.FAILURE)
+        return ReadIoReply(self._value(address), IoResult.OK).to_message(reply=ReplyCode.SUCCESS)
+
+    def _value(self, address: int) -> int:
+        low, high = _OUTPUTS
+        bits = self.outputs if low <= address <= high else self.inputs
+        return int(bool(bits.get(address, 0)))
+
+    def _write(self, asked: WriteIo) -> Message:
+        result = IoResult.OK
+        if not _known(asked.address, (_OUTPUTS,)):
+            result = IoResult.WRITE_ADDRESS
+        elif asked.value not in (0, 1):
+            result = IoResult.WRITE_VALUE
+        else:
+            self.outputs[asked.address] = asked.value
+        return WriteIoReply(result).to_message(reply=_code(result))
+
+    def _read_group(self, group: int) -> Message:
+        if not _known(10 * group, _READABLE):
+            return ReadIoGroupReply(0, IoResult.READ_ADDRESS).to_message(reply=ReplyCode.FAILURE)
+        value = sum(self._value(10 * group + bit) << bit for bit in range(8))
+        return ReadIoGroupReply(value, IoResult.OK).to_message(reply=ReplyCode.SUCCESS)
+
+    def _write_group(self, asked: WriteIoGroup) -> Message:
+        result = IoResult.OK
+        if not _known(10 * asked.address, (_OUTPUTS,)):
+            result = IoResult.WRITE_ADDRESS
+        elif not 0 <= asked.value <= 255:
+            result = IoResult.WRITE_VALUE
+        else:
+            for bit in range(8):
+                self.outputs[10 * asked.address + bit] = asked.value >> bit & 1
+        return WriteIoGroupReply(result).to_message(reply=_code(result))
+
+
+def _code(result: int) -> int:
+    return ReplyCode.SUCCESS if result == IoResult.OK else ReplyCode.FAILURE
+
+
+def _invalid(subcode: int) -> Message:
+    return IoReply(Result.INVALID, subcode).to_message(reply=ReplyCode.FAILURE)

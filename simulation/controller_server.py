@@ -1,0 +1,340 @@
+"""The virtual controller on the network: three ports, as a DX100 with MotoROS has them, and its faults."""
+
+import socket
+from collections import deque
+from math import floor
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from unwrinkle.hardware.link import TcpLink
+from unwrinkle.hardware.wire import (
+    Command,
+    Framer,
+    Message,
+    MessageType,
+    MotionControl,
+    WireError,
+)
+from unwrinkle.models.errors import HardwareError
+from unwrinkle.simulation._controller_connection import Connection
+from unwrinkle.simulation._controller_faults import KINDS, Faults, ServerFault, spoilt
+from unwrinkle.simulation._controller_feedback_faults import FeedbackFaults
+from unwrinkle.simulation._controller_reply_faults import (
+    begin_on_pendant,
+    end_on_pendant,
+    io_fault,
+    motion_fault,
+    with_wrong_sequence,
+)
+from unwrinkle.simulation.virtual_controller import AXES, GROUP_AXES, VirtualController
+
+__all__ = ["KINDS", "ControllerServer", "ServerFault"]
+
+Array = NDArray[np.float64]
+
+MOTION, STATE, IO = "motion", "state", "io"
+_MOST_CONNECTIONS = {MOTION: 1, STATE: 4, IO: 1}
+#: Bytes that are read from a connection in one poll.
+_MOST_READ = 1 << 16
+_MOST_MESSAGE = 1024
+#: After a gap in its polls the controller makes up so much, s.
+_MADE_UP = 1.0
+# Each axis' group and its place in it.
+_PLACES = [
+    next((g, axes.index(axis)) for g, axes in enumerate(GROUP_AXES) if axis in axes)
+    for axis in range(AXES)
+]
+
+
+class ControllerServer:
+    """Serves one virtual controller.
+
+    Attributes:
+        controller: that it serves.
+        ports: of motion, state and I/O.
+        rejected: what was no message: name of the port and of the `WireError`.
+        events: what happened, with the time since the first poll, s; the newest thousand.
+    """
+
+    def __init__(
+        self,
+        controller: VirtualController,
+        host: str = "127.0.0.1",
+        ports: tuple[int, int, int] = (0, 0, 0),
+        faults: tuple[ServerFault, ...] = (),
+    ) -> None:
+        """Listen.
+
+        Args:
+            controller: to serve.
+            host: address to listen on.
+            ports: of motion, state and I/O; 0 lets the system choose.
+            faults: to commit.
+
+        Raises:
+            HardwareError: a port is taken, or the address is not this machine's.
+        """
+        self.controller = controller
+        self.rejected: deque[tuple[str, str]] = deque(maxlen=1000)
+        self.events: deque[tuple[float, str]] = deque(maxlen=1000)
+        self._faults = Faults(faults)
+        self._feedback = FeedbackFaults(self._faults)
+        self._random = np.random.default_rng(0)
+        self._tiny = any(fault.kind == "tiny_buffers" for fault in faults)
+        self._listeners: dict[str, socket.socket] = {}
+        self._connections: dict[str, list[Connection]] = {MOTION: [], STATE: [], IO: []}
+        self._first: float | None = None
+        self._now = 0.0
+        self._ticks = self._sets = 0
+        self._release = float("inf")
+        self._told = ""
+        try:
+            for name, port in zip((MOTION, STATE, IO), ports, strict=True):
+                self._listeners[name] = self._listen(host, port, name)
+        except HardwareError:
+            self.close()
+            raise
+        self.ports = tuple(s.getsockname()[1] for s in self._listeners.values())
+
+    @property
+    def links(self) -> dict[str, list[TcpLink]]:
+        """The links of "motion", "state" and "io", oldest first."""
+        return {
+            name: [connection.link for connection in connections]
+            for name, connections in self._connections.items()
+        }
+
+    @property
+    def motion(self) -> list[TcpLink]:
+        """The motion connection, if there is one."""
+        return self.links[MOTION]
+
+    @property
+    def state(self) -> list[TcpLink]:
+        """The state connections."""
+        return self.links[STATE]
+
+    @property
+    def io(self) -> list[TcpLink]:
+        """The connection for inputs and outputs, if there is one."""
+        return self.links[IO]
+
+    def poll(
+        self,
+        now: float,
+        measured: ArrayLike | None = None,
+        velocities: ArrayLike | None = None,
+    ) -> None:
+        """Move on to a time: accept, read, answer, interpolate, send feedback. Never blocks.
+
+        Args:
+            now: of any monotonic clock, s.
+            measured, velocities: (13,) of the axes now, rad and rad/s; where left out, those commanded.
+        """
+        if self._first is None:
+            self._first = now
+        self._now = max(now - self._first, self._now)
+        self._change_faults()
+        for name in (MOTION, STATE, IO):
+            self._read(name)
+            if self._accept(name):
+                self._read(name)
+        self._interpolate()
+        for reply in self.controller.late_replies():
+            self._answer(MOTION, reply)
+        self._send_feedback(measured, velocities)
+        split = self._faults.any_of("split") is not None
+        for name, connections in self._connections.items():
+            for connection in connections:
+                connection.flush(split)
+            self._forget_closed(name)
+
+    def commit(self, fault: ServerFault) -> None:
+        """Take on a further fault; its times are those of this server's clock, as ever."""
+        self._faults.add(fault)
+
+    def close(self) -> None:
+        """Close every connection and port; a second time changes nothing."""
+        for connections in self._connections.values():
+            for connection in connections:
+                connection.link.close()
+            connections.clear()
+        for listener in self._listeners.values():
+            listener.close()
+        self._listeners.clear()
+
+    # ------------------------------------------------------------ connections
+
+    def _listen(self, host: str, port: int, name: str) -> socket.socket:
+        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        try:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            if self._tiny:
+                listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
+                listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)
+            listener.bind((host, port))
+            listener.listen(8)
+            listener.setblocking(False)
+        except OSError as error:
+            listener.close()
+            raise HardwareError(
+                f"virtual controller: cannot listen on {host}:{port} ({name}): "
+                f"{error.strerror or error}; is another one running? Give other ports"
+            ) from None
+        return listener
+
+    def _accept(self, name: str) -> bool:
+        """Take new clients; whether there are any."""
+        new = False
+        for _ in range(8):
+            try:
+                accepted, address = self._listeners[name].accept()
+            except (OSError, KeyError):
+                break
+            link = TcpLink(accepted, f"{name} client {address[0]}:{address[1]}")
+            connections = self._connections[name]
+            if name == MOTION and connections and not self.controller.moving:
+                connections[0].link.close("replaced by a second motion connection")
+                self._forget_closed(MOTION)
+            if len(connections) >= _MOST_CONNECTIONS[name]:
+                link.close(f"more than {_MOST_CONNECTIONS[name]} {name} connections")
+                self._tell(f"{link.name} refused: {link.closed}")
+                continue
+            connections.append(Connection(link, Framer(_MOST_MESSAGE, lenient=True)))
+            self._tell(f"{link.name} connected")
+            new = True
+        return new
+
+    def _forget_closed(self, name: str) -> None:
+        connections = self._connections[name]
+        for connection in [c for c in connections if c.link.closed]:
+            connections.remove(connection)
+            who, why = connection.link.name, connection.link.closed
+            self._tell(why if why.startswith(who) else f"{who}: {why}")
+            if name == MOTION:
+                self.controller.connection_lost()
+
+    def _tell(self, text: str) -> None:
+        self.events.append((self._now, text))
+
+    # ------------------------------------------------------------ messages
+
+    def _read(self, name: str) -> None:
+        """Read what has come and answer it; a connection that sends garbage is closed."""
+        if name == MOTION and self.controller.starting:
+            return  # busy with the start; what comes waits
+        silent = self._faults.any_of("silent", f"silent_{name}") is not None
+        slow = self._faults.any_of("slow")
+        most = _MOST_READ if slow is None else max(int(slow.value), 0) or 16
+        for connection in self._connections[name]:
+            data = connection.link.receive(most)
+            if silent:
+                connection.waiting.clear()
+                continue
+            garbage = ""
+            try:
+                connection.waiting += connection.framer.feed(data)
+            except WireError as error:
+                connection.waiting += error.messages
+                garbage = error.name
+            while connection.waiting and not connection.link.closed:
+                if name == MOTION and self.controller.starting:
+                    break
+                self._handle(name, connection.waiting.popleft(), connection)
+            if garbage:
+                self.rejected.append((name, garbage))
+                connection.link.close(f"sent no message: {garbage}")
+        self._forget_closed(name)
+
+    def _handle(self, name: str, message: Message, connection: Connection) -> None:
+        if name == STATE:
+            return  # it only tells
+        if name == IO:
+            replies, handle = io_fault(self._faults, message), self.controller.handle_io
+        else:
+            replies, handle = motion_fault(self._faults, message), self.controller.handle_motion
+        if replies:
+            self.controller.messages.append((self.controller.time, message))
+        else:
+            replies = handle(message)
+        for reply in replies:
+            self._answer(name, reply)
+        if name == MOTION and _is_disconnect(message):
+            connection.link.flush()
+            connection.link.close("disconnected")
+
+    def _answer(self, name: str, reply: Message) -> None:
+        """Send a reply on a port's connection."""
+        if self._faults.any_of("silent", f"silent_{name}") or not self._connections[name]:
+            return
+        if reply.type == MessageType.MOTION_REPLY and self._faults.any_of("wrong_sequence"):
+            reply = with_wrong_sequence(reply)
+        self._write(self._connections[name][0], reply, name)
+
+    def _write(self, connection: Connection, message: Message, name: str) -> None:
+        data = spoilt(message.encode(), self._faults, name == MOTION, self._random)
+        connection.send(data, self._faults.any_of("split") is not None)
+
+    # ------------------------------------------------------------ time
+
+    def _interpolate(self) -> None:
+        period = self.controller.settings.period
+        due = floor(self._now / period + 1e-6)
+        self._ticks = max(self._ticks, due - floor(_MADE_UP / period + 1e-6))
+        while self._ticks < due:
+            self._ticks += 1
+            self.controller.advance()
+
+    def _send_feedback(self, measured: ArrayLike | None, velocities: ArrayLike | None) -> None:
+        """Send a set of feedback each period, never several to make up."""
+        due = floor(self._now / self.controller.settings.feedback_period + 1e-6) + 1
+        if due <= self._sets:
+            return
+        self._sets = due
+        q = self.controller.positions if measured is None else np.asarray(measured, dtype=float)
+        v = (
+            self.controller.velocities
+            if velocities is None
+            else np.asarray(velocities, dtype=float)
+        )
+        q, v = self._feedback.measured(q, v, self._now)
+        messages = self._feedback.messages(self.controller.feedback(q, v), _PLACES)
+        sets = self._feedback.due(messages, self._now)
+        if self._faults.any_of("silent", "silent_state"):
+            return
+        for connection in self._connections[STATE]:
+            for message in sets:
+                self._write(connection, message, STATE)
+
+    # ------------------------------------------------------------ faults
+
+    def _change_faults(self) -> None:
+        controller = self.controller
+        begun, ended = self._faults.update(self._now, controller.points)
+        for fault in begun:
+            self._tell(f"fault {fault.kind} begins: {KINDS[fault.kind]}")
+            begin_on_pendant(controller, fault)
+            if fault.kind == "e_stop_released":
+                self._release = self._now + fault.value
+            self._close_for(fault)
+        for fault in ended:
+            self._tell(f"fault {fault.kind} ends")
+            end_on_pendant(controller, fault)
+        if self._now >= self._release:
+            self._release = float("inf")
+            controller.release_e_stop()
+            self._tell("the emergency stop is released")
+
+    def _close_for(self, fault: ServerFault) -> None:
+        for name, connections in self._connections.items():
+            if fault.kind in (f"close_{name}", "close_all"):
+                for connection in connections:
+                    connection.link.close(f"fault {fault.kind}")
+                self._forget_closed(name)
+
+
+def _is_disconnect(message: Message) -> bool:
+    if message.type != MessageType.MOTION_CTRL:
+        return False
+    return MotionControl.of(message).command == Command.DISCONNECT

@@ -1,0 +1,213 @@
+"""The station in its `hardware` form: the same ports, wired to a site's devices.
+
+A thread polls the controller's driver on the computer's own clock, so that feedback is watched and trajectories are
+streamed whatever the rest of the diagram computes. The diagram itself has to run no faster than time does.
+"""
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from unwrinkle.hardware.cameras import PairCamera, open_cameras
+from unwrinkle.hardware.driver import ControllerDriver
+from unwrinkle.hardware.driver_thread import DriverThread
+from unwrinkle.hardware.grippers import Grippers, open_grippers
+from unwrinkle.hardware.logging_ports import RunLogger
+from unwrinkle.hardware.pan_tilt import PanTiltDriver
+from unwrinkle.hardware.serial_port import open_serial
+from unwrinkle.hardware.values import READY
+from unwrinkle.models.errors import HardwareError, InputError
+from unwrinkle.models.robot import Cell
+from unwrinkle.models.site import Site
+from unwrinkle.perception.head import StereoHead
+from unwrinkle.systems.controller_driver import ControllerDriverSystem
+from unwrinkle.systems.device_clock import own_time
+from unwrinkle.systems.gripper_driver import GripperDriverSystem
+from unwrinkle.systems.pair_camera import PairCameraSystem
+from unwrinkle.systems.pan_tilt_driver import PanTiltDriverSystem
+
+Array = NDArray[np.float64]
+
+#: The devices are polled with this period while they get ready, s.
+_POLL = 0.01
+
+
+class Equipment:
+    """A site's devices, opened; `close` them after use.
+
+    Attributes:
+        thread: polls the controller's driver.
+        grippers, units, camera: polled by the station.
+    """
+
+    def __init__(self, cell: Cell, site: Site, head: StereoHead, log: RunLogger | None) -> None:
+        """Open everything, and wait until it is ready; nothing moves.
+
+        Raises:
+            InputError: the site lacks what a station needs.
+            HardwareError: a device does not get ready.
+        """
+        lacking = [
+            key
+            for key, value in (
+                ("pan_tilt.left", site.pan_tilt.left),
+                ("pan_tilt.right", site.pan_tilt.right),
+                ("cameras.kind", site.cameras.kind.replace("none", "")),
+                ("grippers.kind", site.grippers.kind.replace("none", "")),
+            )
+            if not value
+        ]
+        if lacking:
+            raise InputError(f"site {site.name}: the closed loop needs {', '.join(lacking)}")
+        self._opened: list[PairCamera | DriverThread | Grippers] = []
+        self._lines = []
+        driver = ControllerDriver(site.controller, cell.with_speed(1.0).limits, log=log)
+        self.thread = DriverThread(driver)
+        self._opened.append(self.thread)
+        try:
+            self.thread.start()
+            self.grippers: Grippers = open_grippers(site.grippers, self.thread)
+            self._opened.append(self.grippers)
+            self.units = []
+            for eye, device in ((head.left, site.pan_tilt.left), (head.right, site.pan_tilt.right)):
+                line = open_serial(device, site.pan_tilt.baud)
+                self._lines.append(line)
+                name = f"{eye.name} pan-tilt unit ({device})"
+                self.units.append(PanTiltDriver(line, site.pan_tilt, eye.unit.step, name))
+            self.camera = open_cameras(site.cameras)
+            self._opened.append(self.camera)
+            self._get_ready(site)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Hold, disconnect and close, in that order; a second time changes nothing."""
+        opened, self._opened = self._opened, []
+        for device in opened:  # the robot first: it may have to come to rest
+            device.close()
+        for line in self._lines:
+            line.close()
+
+    def _get_ready(self, site: Site) -> None:
+        """Poll until every device says that it is ready.
+
+        Raises:
+            HardwareError: one of them does not, within its own deadline.
+        """
+        most = site.controller.connect_timeout + 10.0 * site.pan_tilt.reply_timeout
+        end = own_time() + most
+        while own_time() < end:
+            for unit in self.units:
+                unit.poll(own_time())
+            problems = self._problems()
+            if not problems:
+                return
+            time.sleep(_POLL)
+        raise HardwareError("; ".join(problems))
+
+    def _problems(self) -> list[str]:
+        status = self.thread.status
+        found = []
+        if status.state != READY or self.thread.feedback is None:
+            found.append(f"the controller is {status.state}: {status.reason or 'no feedback yet'}")
+        found += [
+            f"{unit.name} is not ready: {unit.status.reason or unit.status.state}"
+            for unit in self.units
+            if not unit.status.still
+        ]
+        return found
+
+
+class HardwareStation(Diagram):
+    """A station of real devices. Build it with `build_hardware_station`, and `close` it after use.
+
+    Attributes:
+        equipment: its devices.
+    """
+
+    def __init__(self, cell: Cell, equipment: Equipment) -> None:
+        """See `build_hardware_station`."""
+        super().__init__()
+        self.equipment = equipment
+        period = cell.scenario.station.feedback_period
+        feedback = equipment.thread.feedback
+        assert feedback is not None
+        builder = DiagramBuilder()
+        driver = builder.AddSystem(
+            ControllerDriverSystem(
+                equipment.thread, feedback.positions, period=period, feedback_period=period
+            )
+        )
+        grippers = builder.AddSystem(
+            GripperDriverSystem(
+                equipment.grippers,
+                cell.scenario.gripper.opening,
+                period=period,
+                clock=own_time,
+                open_first=True,
+            )
+        )
+        heads = builder.AddSystem(
+            PanTiltDriverSystem(*equipment.units, period=period, clock=own_time)
+        )
+        cameras = builder.AddSystem(
+            PairCameraSystem(equipment.camera, period=period, clock=own_time)
+        )
+        for source, target in (
+            (heads.GetOutputPort("status"), cameras.GetInputPort("head")),
+            (driver.GetOutputPort("position"), cameras.GetInputPort("position")),
+            (driver.GetOutputPort("velocity"), cameras.GetInputPort("velocity")),
+        ):
+            builder.Connect(source, target)
+        for system, port, name in (
+            (driver, "trajectory", "trajectory"),
+            (grippers, "command", "gripper.command"),
+            (heads, "command", "head.command"),
+            (driver, "speed_override", "speed_override"),
+        ):
+            builder.ExportInput(system.GetInputPort(port), name)
+        for system, port, name in (
+            (driver, "position", "joints.position_measured"),
+            (driver, "velocity", "joints.velocity_measured"),
+            (driver, "status", "controller.status"),
+            (grippers, "status", "gripper.status"),
+            (heads, "position", "head.position_measured"),
+            (cameras, "left_image", "head.left_image"),
+            (cameras, "right_image", "head.right_image"),
+            (cameras, "depth_image", "depth_camera.image"),
+        ):
+            builder.ExportOutput(system.GetOutputPort(port), name)
+        builder.BuildInto(self)
+        self.set_name("station")
+
+    def close(self) -> None:
+        """Hold, disconnect and close."""
+        self.equipment.close()
+
+
+def build_hardware_station(
+    cell: Cell, site: Site, *, head: StereoHead, log: RunLogger | None = None
+) -> HardwareStation:
+    """Open a site's devices and build the station, a diagram called "station"; nothing moves yet.
+
+    Args:
+        cell: the robot in its cell; its sensor has to be the head.
+        site: where the devices are.
+        head: as calibrated.
+        log: takes what is sent and measured.
+
+    Raises:
+        InputError: the site lacks a device, or the scenario's sensor is a depth camera.
+        HardwareError: a device does not answer, or is not ready.
+    """
+    if cell.scenario.sensor.kind != "stereo":
+        raise InputError("the hardware station sees with the head; use --sensor stereo")
+    equipment = Equipment(cell, site, head, log)
+    try:
+        return HardwareStation(cell, equipment)
+    except BaseException:
+        equipment.close()
+        raise

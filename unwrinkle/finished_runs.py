@@ -1,0 +1,58 @@
+"""Which plans have been run to their end before: commissioning runs a plan slowly the first time."""
+
+import datetime
+import json
+import os
+from pathlib import Path
+
+from unwrinkle.models.errors import InputError
+
+
+def state_folder() -> Path:
+    """Where the user's programs keep their state: $XDG_STATE_HOME, or ~/.local/state."""
+    base = os.environ.get("XDG_STATE_HOME", "")
+    return (Path(base) if base else Path.home() / ".local" / "state") / "unwrinkle"
+
+
+class FinishedRuns:
+    """A file with one line per finished run: site, plan's hash, speed, time."""
+
+    def __init__(self, path: Path | None = None) -> None:
+        """Use a file; the one in the user's state folder if none is named."""
+        self.path = state_folder() / "finished_runs.jsonl" if path is None else path
+
+    def count(self, site: str, plan_hash: str) -> int:
+        """How often a plan was run to its end at a site; a line that cannot be read counts as none."""
+        try:
+            lines = self.path.read_text(encoding="utf-8", errors="replace").splitlines()
+        except OSError:
+            return 0
+        return sum(_is_of(line, site, plan_hash) for line in lines)
+
+    def add(self, site: str, plan_hash: str, speed: float) -> None:
+        """Note a finished run.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+        record = {"site": site, "plan": plan_hash, "speed": speed, "time": now}
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with self.path.open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps(record) + "\n")
+        except OSError as error:
+            raise InputError(
+                f"{self.path}: the finished run cannot be noted ({error.strerror or error}); the plan's next "
+                "run counts as its first"
+            ) from None
+
+
+def _is_of(line: str, site: str, plan_hash: str) -> bool:
+    try:
+        record = json.loads(line)
+    except ValueError:
+        return False
+    return (
+        isinstance(record, dict) and record.get("site") == site and record.get("plan") == plan_hash
+    )

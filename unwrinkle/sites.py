@@ -1,0 +1,61 @@
+"""Finding a site by its name or file, and the cell that it stands for."""
+
+import dataclasses as dc
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.loader_yaml import models_dir
+from unwrinkle.models.site import Site, load_site
+
+if TYPE_CHECKING:
+    from unwrinkle.models.robot import Cell
+
+_SUFFIX = ".site.yaml"
+
+
+def shipped_sites() -> tuple[str, ...]:
+    """Names of the sites that the package ships."""
+    files = (models_dir() / "sites").glob(f"*{_SUFFIX}")
+    return tuple(sorted(path.name.removesuffix(_SUFFIX) for path in files))
+
+
+def find_site(name: str | Path) -> Site:
+    """Read a site: a file, or the name of a shipped one.
+
+    Paths in it that are not absolute are taken from the folder of its file.
+
+    Raises:
+        InputError: there is no such site, or its file is wrong.
+    """
+    path = Path(name)
+    if str(name) in shipped_sites() and not path.is_file():
+        path = models_dir() / "sites" / f"{name}{_SUFFIX}"
+    elif not path.is_file():
+        known = ", ".join(shipped_sites())
+        raise InputError(f"no site '{name}': give a *{_SUFFIX} file, or a shipped one: {known}")
+    site = load_site(path)
+    folder = path.resolve().parent
+    return dc.replace(
+        site,
+        scenario=_beside(folder, site.scenario),
+        calibration=_beside(folder, site.calibration),
+    )
+
+
+def site_cell(site: Site) -> "Cell":
+    """The cell of a site.
+
+    Raises:
+        InputError: its scenario is missing or wrong.
+    """
+    from unwrinkle.models.robot import load_cell
+    from unwrinkle.models.scenario import load_scenario
+
+    return load_cell(load_scenario(site.scenario or None))
+
+
+def _beside(folder: Path, name: str) -> str:
+    if not name or name.startswith("package://") or Path(name).is_absolute():
+        return name
+    return str(folder / name)
