@@ -136,7 +136,6 @@ class DriverCore:
         self._mode_asked = self._in_mode = self._polled = False
         self._rest_since = float("-inf")
         self._state, self._reason = CONNECTING, ""
-        self._event("connect", f"connected to {site.host}")
         self._publish()
 
     def close(self) -> None:

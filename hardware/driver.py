@@ -58,7 +58,7 @@ class ControllerDriver(DriverMotion):
         self._publish()
 
     def hold(self, number: int) -> None:
-        """Brake along the path to rest; at rest it is done at once."""
+        """Brake along the path to rest: `held`, or `ready` where that is the path's end; at rest it is done at once."""
         if number <= self._command:
             return
         self._command = number
@@ -157,10 +157,11 @@ class ControllerDriver(DriverMotion):
         """
         if not self.links:
             return
-        gap = now - self._now if self._polled else 0.0
-        if not self._polled:
-            self._polled, self._since = True, now
+        gap, first = (now - self._now, False) if self._polled else (0.0, True)
         self._now = now
+        if first:  # only now the time is known
+            self._polled, self._since = True, now
+            self._event("connect", f"connected to {self.site.host}")
         moving = self._stream is not None and not self._stream.at_rest(now)
         new = self._read(now)
         self._take_answers(now)

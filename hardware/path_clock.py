@@ -26,6 +26,8 @@ _ROUNDING = 1e-9  # of a step
 _TIMES = np.geomspace(0.06, 6.0, 45)
 #: A braking under way is replaced by one that ends sooner by at least this share, while more than so long is left, s.
 _SOONER, _WORTH = 0.88, 0.12
+#: That is tried at every so many points: a search takes some milliseconds, and the points have to be sent on time.
+_EVERY = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +140,7 @@ class PathClock:
             points.append(sample)
             if self._pending is not None:
                 self._begin(_TIMES)
-            elif self._change is not None and self._target == 0.0:
+            elif self._change is not None and self._target == 0.0 and self._next % _EVERY == 0:
                 self._shorten()
         return points
 

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from unwrinkle.hardware.values import DriverStatus, JointFeedback
-from unwrinkle.models.errors import InputError
+from unwrinkle.models.errors import HardwareError, InputError
 
 FORMAT = "unwrinkle-run-log"
 VERSION = 1
@@ -47,7 +47,6 @@ class RunLog:
         self.path = path
         self._descriptor = descriptor
         self._lock = threading.Lock()
-        self._size = 0
         self._problem = ""
         self._last: tuple[DriverStatus, float] | None = None
         self._wake = threading.Event()
@@ -95,6 +94,20 @@ class RunLog:
                 "or name a file elsewhere"
             ) from None
         return log
+
+    @classmethod
+    def join(cls, path: str | Path) -> "RunLog":
+        """Append to a log that another process has begun; records of both stand whole beside each other.
+
+        Raises:
+            HardwareError: there is none.
+        """
+        try:
+            return cls(os.open(path, os.O_WRONLY | os.O_APPEND), Path(path))
+        except OSError as error:
+            raise HardwareError(
+                f"{path}: the run log cannot be joined ({error.strerror or error})"
+            ) from None
 
     def commanded(
         self,
@@ -171,15 +184,16 @@ class RunLog:
                 raise OSError(f"{self.path}: the run log is closed")
             if self._problem:
                 raise OSError(self._problem)
+            rest = memoryview(line)
             try:
-                rest = memoryview(line)
                 while rest:
                     rest = rest[os.write(self._descriptor, rest) :]
             except OSError:
+                written = len(line) - len(rest)
                 with suppress(OSError):
-                    os.ftruncate(self._descriptor, self._size)
+                    end = os.fstat(self._descriptor).st_size
+                    os.ftruncate(self._descriptor, end - written)
                 raise
-            self._size += len(line)
         if keep:
             self._wake.set()
 

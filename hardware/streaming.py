@@ -29,7 +29,7 @@ Recorder: TypeAlias = Callable[[float, int, float, Array, Array], None]
 GROUP_AXES = {"r1": slice(1, 7), "r2": slice(7, 13), "ext_axis": slice(0, 1)}
 
 #: Every motion begins with a point of rest so much later, s: until then the queues fill.
-DWELL = 0.032
+DWELL = 0.1
 #: Greatest difference of the groups' starts that is no error, s.
 SKEW = 0.02
 #: A controller that is busy may be behind the host's reckoning by so much, s.
@@ -235,16 +235,16 @@ class PointStream:
     def _produce(self, now: float) -> None:
         """Send the next point if it is due."""
         last = self.clock.last
-        if last is not None and self._resting:
-            if self.clock.at_rest:
-                return
-            if self.at_rest(now):
-                self._anchor = None
-                self._resting = False
-                self._shift += DWELL
-                rest = Sample(last.time, last.positions, _NO_VELOCITY, last.s, 0.0)
-                self._take(rest, rest.time + self._shift, now)
-                return
+        if last is not None and self.clock.at_rest:
+            self._resting = True  # also where a hold comes before the first point of motion
+            return
+        if last is not None and self._resting and self.at_rest(now):
+            self._anchor = None
+            self._resting = False
+            self._shift += DWELL
+            rest = Sample(last.time, last.positions, _NO_VELOCITY, last.s, 0.0)
+            self._take(rest, rest.time + self._shift, now)
+            return
         until = self.executed(now) + self._site.lead - self._shift
         for sample in self.clock.next_until(until, most=1):
             self._resting = self.clock.at_rest or sample.s == 0.0

@@ -1,7 +1,7 @@
 """The station in its `hardware` form: the same ports, wired to a site's devices.
 
-A thread polls the controller's driver on the computer's own clock, so that feedback is watched and trajectories are
-streamed whatever the rest of the diagram computes. The diagram itself has to run no faster than time does.
+A process of its own polls the controller's driver on the computer's own clock, so that feedback is watched and
+trajectories are streamed whatever the rest of the diagram computes. The diagram itself has to run no faster than time does.
 """
 
 import time
@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from unwrinkle.hardware.cameras import PairCamera, open_cameras
-from unwrinkle.hardware.driver import ControllerDriver
-from unwrinkle.hardware.driver_thread import DriverThread
+from unwrinkle.hardware.driver_process import DriverProcess
 from unwrinkle.hardware.grippers import Grippers, open_grippers
-from unwrinkle.hardware.logging_ports import RunLogger
 from unwrinkle.hardware.pan_tilt import PanTiltDriver
+from unwrinkle.hardware.run_log import RunLog
 from unwrinkle.hardware.serial_port import open_serial
 from unwrinkle.hardware.values import READY
 from unwrinkle.models.errors import HardwareError, InputError
@@ -38,11 +37,11 @@ class Equipment:
     """A site's devices, opened; `close` them after use.
 
     Attributes:
-        thread: polls the controller's driver.
+        driver: of the controller, in a process of its own.
         grippers, units, camera: polled by the station.
     """
 
-    def __init__(self, cell: Cell, site: Site, head: StereoHead, log: RunLogger | None) -> None:
+    def __init__(self, cell: Cell, site: Site, head: StereoHead, log: RunLog | None) -> None:
         """Open everything, and wait until it is ready; nothing moves.
 
         Raises:
@@ -61,14 +60,19 @@ class Equipment:
         ]
         if lacking:
             raise InputError(f"site {site.name}: the closed loop needs {', '.join(lacking)}")
-        self._opened: list[PairCamera | DriverThread | Grippers] = []
+        self._opened: list[PairCamera | DriverProcess | Grippers] = []
         self._lines = []
-        driver = ControllerDriver(site.controller, cell.with_speed(1.0).limits, log=log)
-        self.thread = DriverThread(driver)
-        self._opened.append(self.thread)
+        limits = cell.with_speed(1.0).limits
+        self.driver = DriverProcess(
+            site.controller,
+            limits,
+            log=None if log is None else log.path,
+            command="the closed loop",
+        )
+        self._opened.append(self.driver)
         try:
-            self.thread.start()
-            self.grippers: Grippers = open_grippers(site.grippers, self.thread)
+            self.driver.start()
+            self.grippers: Grippers = open_grippers(site.grippers, self.driver)
             self._opened.append(self.grippers)
             self.units = []
             for eye, device in ((head.left, site.pan_tilt.left), (head.right, site.pan_tilt.right)):
@@ -109,9 +113,9 @@ class Equipment:
         raise HardwareError("; ".join(problems))
 
     def _problems(self) -> list[str]:
-        status = self.thread.status
+        status = self.driver.status
         found = []
-        if status.state != READY or self.thread.feedback is None:
+        if status.state != READY or self.driver.feedback is None:
             found.append(f"the controller is {status.state}: {status.reason or 'no feedback yet'}")
         found += [
             f"{unit.name} is not ready: {unit.status.reason or unit.status.state}"
@@ -133,12 +137,12 @@ class HardwareStation(Diagram):
         super().__init__()
         self.equipment = equipment
         period = cell.scenario.station.feedback_period
-        feedback = equipment.thread.feedback
+        feedback = equipment.driver.feedback
         assert feedback is not None
         builder = DiagramBuilder()
         driver = builder.AddSystem(
             ControllerDriverSystem(
-                equipment.thread, feedback.positions, period=period, feedback_period=period
+                equipment.driver, feedback.positions, period=period, feedback_period=period
             )
         )
         grippers = builder.AddSystem(
@@ -189,7 +193,7 @@ class HardwareStation(Diagram):
 
 
 def build_hardware_station(
-    cell: Cell, site: Site, *, head: StereoHead, log: RunLogger | None = None
+    cell: Cell, site: Site, *, head: StereoHead, log: RunLog | None = None
 ) -> HardwareStation:
     """Open a site's devices and build the station, a diagram called "station"; nothing moves yet.
 

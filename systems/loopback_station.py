@@ -24,7 +24,7 @@ from unwrinkle.models.site import Site, loopback_site
 from unwrinkle.perception.head import StereoHead
 from unwrinkle.simulation.cloth import Cloth, ClothState
 from unwrinkle.simulation.controller_server import ControllerServer
-from unwrinkle.simulation.serial_pan_tilt import UnitSettings, VirtualSerialPanTilt
+from unwrinkle.simulation.serial_pan_tilt import VirtualSerialPanTilt
 from unwrinkle.simulation.virtual_controller import VirtualController, VirtualControllerSettings
 from unwrinkle.systems.controller_driver import ControllerDriverSystem
 from unwrinkle.systems.gripper_driver import GripperDriverSystem
@@ -37,11 +37,14 @@ from unwrinkle.systems.simulated_world import (
     World,
     start_posture,
 )
-from unwrinkle.systems.virtual_devices import VirtualControllerSystem, VirtualPanTiltSystem
+from unwrinkle.systems.virtual_devices import (
+    VirtualControllerSystem,
+    VirtualPanTiltSystem,
+    unit_settings,
+)
 
 Array = NDArray[np.float64]
 
-_ARCSECOND = np.pi / (180.0 * 3600.0)
 #: So long before the run the devices get to know each other, s on the simulation's clock.
 _PROLOGUE = 3.0
 
@@ -146,16 +149,7 @@ class LoopbackEquipment:
     def _heads(self, world: World) -> PanTiltDriverSystem:
         """Virtual units on pseudo-terminals, and the drivers at their other ends."""
         eyes = (self._head.left, self._head.right)
-        limits = {"pan": eyes[0].unit.pan, "tilt": eyes[0].unit.tilt}
-        step = eyes[0].unit.step
-        in_steps = {
-            axis: (int(np.ceil(low / step - 1e-9)), int(np.floor(high / step + 1e-9)))
-            for axis, (low, high) in limits.items()
-        }
-        arcseconds = step / _ARCSECOND
-        settings = UnitSettings(
-            resolution=(arcseconds, arcseconds), pan=in_steps["pan"], tilt=in_steps["tilt"]
-        )
+        settings = unit_settings(eyes[0].unit)
         period = world.cell.scenario.station.feedback_period
         start = world.units.GetOutputPort("position").Eval(world.units.CreateDefaultContext())
         self._units = VirtualPanTiltSystem(

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import ceil, floor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,8 +10,8 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from unwrinkle.models.site import GripperSite
-from unwrinkle.perception.head import Gaze
-from unwrinkle.simulation.serial_pan_tilt import PtyPort, VirtualSerialPanTilt
+from unwrinkle.perception.head import Gaze, PanTiltUnit
+from unwrinkle.simulation.serial_pan_tilt import PtyPort, UnitSettings, VirtualSerialPanTilt
 from unwrinkle.simulation.virtual_controller import VirtualController
 from unwrinkle.systems.head_system import HeadStatus
 from unwrinkle.systems.held import held, hold, model
@@ -111,6 +112,16 @@ class VirtualControllerSystem(LeafSystem):
 
     def _reference(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(np.append(self._now(context).positions, self._number.Eval(context)))
+
+
+def unit_settings(unit: PanTiltUnit) -> UnitSettings:
+    """What a virtual unit says of itself, to be the unit of a calibrated head."""
+    arcseconds = float(np.degrees(unit.step)) * 3600.0
+    pan, tilt = (
+        (ceil(low / unit.step - 1e-9), floor(high / unit.step + 1e-9))
+        for low, high in (unit.pan, unit.tilt)
+    )
+    return UnitSettings(resolution=(arcseconds, arcseconds), pan=pan, tilt=tilt)
 
 
 class _Mechanics:

@@ -11,7 +11,7 @@ import yaml
 from pydrake.systems.framework import Diagram
 
 from unwrinkle._preflight_site import check_calibration
-from unwrinkle.hardware.logging_ports import RunLogger
+from unwrinkle.hardware.run_log import RunLog
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell, load_cell
@@ -130,7 +130,7 @@ def build_loop(
     memory: Memory | None = None,
     faults: StationFaults | None = None,
     site: Site | None = None,
-    log: RunLogger | None = None,
+    log: RunLog | None = None,
     approve: Approve | None = None,
 ) -> Loop:
     """Build everything.
@@ -197,7 +197,7 @@ def _on_hardware(
     seed: int,
     memory: Memory | None,
     site: Site | None,
-    log: RunLogger | None,
+    log: RunLog | None,
     approve: Approve | None,
 ) -> Loop:
     """The loop around a site's devices, at the site's speed, with its calibration.

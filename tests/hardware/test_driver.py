@@ -10,6 +10,7 @@ from unwrinkle.hardware._sent_cubics import StreamLimits, extremes
 from unwrinkle.hardware.logging_ports import NoLog
 from unwrinkle.hardware.wire import Command
 from unwrinkle.planning.trajectory import Trajectory
+from unwrinkle.simulation.controller_server import ServerFault
 
 TrajectoryMaker = Callable[..., Trajectory]
 
@@ -69,6 +70,29 @@ def test_hold_resume_and_speed(make_rig, make_trajectory: TrajectoryMaker) -> No
     fine = path(np.linspace(0.0, trajectory.duration, 20_000))
     for _, positions, _ in list(rig.controller.trace)[::20]:
         assert np.abs(fine - positions).max(axis=1).min() < 1e-3
+
+
+@pytest.mark.parametrize("turns", [0, 1, 3, 6, 9, 12, 20, 40])
+def test_a_hold_at_the_very_begin(make_rig, make_trajectory: TrajectoryMaker, turns: int) -> None:
+    rig = make_rig()
+    rig.connect()
+    trajectory = make_trajectory(2)
+    rig.run(trajectory)
+    for _ in range(turns):
+        rig.turn()
+    rig.driver.hold(rig.next_number())
+    rig.until(lambda: rig.state != "holding", 2.0)
+    assert rig.state == "held", rig.reason
+    for _ in range(2):  # a change of mind at rest
+        rig.driver.resume(rig.next_number())
+        rig.turn()
+        rig.driver.hold(rig.next_number())
+        rig.until(lambda: rig.state != "holding", 2.0)
+        assert rig.state == "held", rig.reason
+    rig.driver.resume(rig.next_number())
+    rig.until(lambda: rig.state != "running")
+    assert rig.state == "ready" and rig.controller.underruns == 0
+    assert np.abs(rig.controller.positions - trajectory.positions[-1]).max() < 1e-6
 
 
 def test_speed_zero_stands_still_and_goes_on(make_rig, make_trajectory: TrajectoryMaker) -> None:
@@ -146,6 +170,61 @@ def test_stop_leaves_trajectory_mode(make_rig, make_trajectory: TrajectoryMaker)
     assert rig.reason == "the page was closed"
     rig.driver.resume(rig.next_number())
     assert "nothing to resume" in rig.reason
+
+
+def test_stop_while_starting_and_while_held(make_rig, make_trajectory: TrajectoryMaker) -> None:
+    rig = make_rig()
+    rig.connect()
+    rig.driver.run(1, make_trajectory(7))
+    rig.wait(0.05)
+    assert rig.state == "starting"
+    rig.driver.stop("no more")
+    rig.until(lambda: rig.state == "ready")
+    assert not rig.controller.trajectory_mode and not rig.controller.received[0]
+    rig.driver.run(2, make_trajectory(7))
+    rig.until(lambda: rig.state == "running")
+    rig.wait(0.3)
+    rig.driver.hold(3)
+    rig.until(lambda: rig.state == "held")
+    rig.driver.stop("no more")
+    rig.until(lambda: rig.state == "ready")
+    assert not rig.controller.trajectory_mode
+    rig.driver.stop("again")
+    rig.until(lambda: rig.state == "ready")
+    assert rig.sent_commands().count(Command.STOP_TRAJ_MODE) == 2
+
+
+def test_closing_in_motion_stops_all_groups(make_rig, make_trajectory: TrajectoryMaker) -> None:
+    rig = make_rig()
+    rig.connect()
+    rig.run(make_trajectory(7))
+    rig.wait(0.6)
+    rig.driver.close()
+    assert rig.state == "offline" and not rig.driver.links
+    for _ in range(10):
+        rig.time += 0.004
+        rig.server.poll(rig.time)
+    assert Command.STOP_MOTION in rig.sent_commands()
+    assert not rig.server.motion and not rig.controller.queued[0]
+    rig.driver.poll(rig.time)
+    rig.driver.hold(99)
+    rig.driver.run(100, make_trajectory(7))
+    assert "refused: the driver is offline" in rig.reason
+
+
+def test_a_driver_connects_again(make_rig, make_trajectory: TrajectoryMaker) -> None:
+    rig = make_rig(faults=(ServerFault("close_all", points=60),))
+    rig.connect()
+    rig.run(make_trajectory(2))
+    rig.until(lambda: rig.state == "fault")
+    rig.wait(1.0)
+    rig.driver.close()
+    rig.connect()
+    assert rig.state == "ready" and rig.reason == ""
+    here = rig.driver.feedback.positions
+    number = rig.run(make_trajectory(3, reach=0.1, start=here))
+    rig.until(lambda: rig.state != "running")
+    assert rig.driver.status.completed == number, rig.reason
 
 
 def test_a_hold_before_motion_ends_the_start(make_rig, make_trajectory: TrajectoryMaker) -> None:

@@ -216,13 +216,32 @@ def test_a_robot_that_may_not_move_is_shown_and_refused(
     assert rig.sent_commands() == []
 
 
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (ServerFault("remote_off"), "remote"),
+        (ServerFault("not_ready", value=5008), "job is not started"),
+        (ServerFault("hold"), "hold is pressed"),
+    ],
+)
 def test_a_start_that_the_controller_refuses(
-    make_rig: RigMaker, make_trajectory: TrajectoryMaker
+    make_rig: RigMaker, make_trajectory: TrajectoryMaker, fault: ServerFault, words: str
 ) -> None:
-    rig = make_rig(faults=(ServerFault("remote_off"),))
+    rig = make_rig(faults=(fault,))
     rig.connect()
     rig.run(make_trajectory(2))
-    assert rig.state == "ready" and "refused" in rig.reason and "remote" in rig.reason
+    assert rig.state == "ready" and "refused" in rig.reason and words in rig.reason
+    assert not rig.controller.received[0]
+
+
+def test_servos_that_never_come_on_are_a_fault(
+    make_rig: RigMaker, make_trajectory: TrajectoryMaker
+) -> None:
+    settings = VirtualControllerSettings(servo_time=100.0)
+    rig = make_rig(settings=settings, start_timeout=3.0)
+    rig.connect()
+    rig.run(make_trajectory(2))
+    assert rig.state == "fault" and "has not answered command 200121" in rig.reason
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ def feedback(shift: float = 0.0, stamp: float | None = None) -> JointFeedback:
 
 def write(path: Path) -> bytes:
     """A log with a record of each kind; its bytes."""
-    with RunLog.create(path, {"site": "here", "plan_hash": "ab" * 32}) as log:
+    with RunLog.create(path, {"site": "here", "clock": 1.0}) as log:
         log.event(1.0, "connect", "to the controller", port=50240)
         log.measured(1.025, feedback(stamp=7.5))
         log.commanded(1.03, 4, 0, 0.0, Q, V)

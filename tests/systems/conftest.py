@@ -22,14 +22,7 @@ from unwrinkle.perception.head import Gaze
 from unwrinkle.perception.head_file import nominal_calibration
 from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.simulation.cloth import Cloth, ClothState, Support
-from unwrinkle.simulation.controller_server import ControllerServer
-from unwrinkle.simulation.digital_grippers import VirtualDigitalGrippers
 from unwrinkle.simulation.outlines import outline
-from unwrinkle.simulation.serial_pan_tilt import PtyPort, UnitSettings, VirtualSerialPanTilt
-from unwrinkle.simulation.virtual_controller import (
-    VirtualController,
-    VirtualControllerSettings,
-)
 from unwrinkle.systems.hardware_station import build_hardware_station
 from unwrinkle.systems.loopback_station import build_loopback_station
 from unwrinkle.systems.ports import (
@@ -41,6 +34,7 @@ from unwrinkle.systems.ports import (
     TrajectoryCommand,
 )
 from unwrinkle.systems.sim_station import build_sim_station
+from unwrinkle.virtual_equipment import VirtualEquipment
 
 Array = NDArray[np.float64]
 
@@ -144,7 +138,7 @@ class Rig(Bench):
     def __init__(self, form: str, cell: Cell, folder: Path) -> None:
         self._form, self._devices = form, None
         if form == "hardware":
-            self._devices = VirtualEquipment(cell, folder)
+            self._devices = Devices(cell, folder)
         super().__init__(cell)
 
     def _built(self, cell: Cell, *args: Any, **options: Any) -> Diagram:
@@ -196,32 +190,19 @@ class Rig(Bench):
             self._devices.close()
 
 
-class VirtualEquipment:
-    """A virtual controller and two pan-tilt units in a thread of their own, in real time, and a folder of pairs."""
+class Devices:
+    """Virtual equipment in a thread of its own, in real time, and a folder of pairs."""
 
     def __init__(self, cell: Cell, folder: Path) -> None:
-        limits = cell.limits
-        start = np.array(cell.robot.named_states["home"])
         site = loopback_site()
-        self._controller = VirtualController(
-            VirtualControllerSettings(), start, (limits.lower, limits.upper, limits.velocity)
-        )
-        self._server = ControllerServer(self._controller)
-        self._jaws = VirtualDigitalGrippers(site.grippers)
-        step = nominal_calibration().stereo_head(cell.limits.head).left.unit.step
-        arcseconds = float(np.degrees(step) * 3600.0)
-        low, high = round(-2.7 / step), round(2.7 / step)
-        settings = UnitSettings(
-            (arcseconds,) * 2, (low, high), (round(-0.8 / step), round(0.5 / step))
-        )
-        self._units = [VirtualSerialPanTilt(settings) for _ in range(2)]
-        self._lines = [PtyPort() for _ in range(2)]
+        start = cell.robot.named_states["home"]
+        self._equipment = VirtualEquipment(site, cell.limits, start, ports=(0, 0, 0), pan_tilt=True)
         names = ("motion_port", "state_port", "io_port")
-        ports = dict(zip(names, self._server.ports, strict=True))
+        ports = dict(zip(names, self._equipment.server.ports, strict=True))
         self.site = dc.replace(
             site,
             controller=dc.replace(site.controller, **ports),
-            pan_tilt=PanTiltSite(*(line.device for line in self._lines)),
+            pan_tilt=PanTiltSite(*self._equipment.devices),
             cameras=CameraSite("folder", folder=str(folder)),
         )
         self._over = threading.Event()
@@ -230,18 +211,12 @@ class VirtualEquipment:
 
     def _run(self) -> None:
         while not self._over.wait(0.002):
-            now = time.monotonic()
-            self._controller.inputs.update(self._jaws.update(now, self._controller.outputs))
-            self._server.poll(now)
-            for line, unit in zip(self._lines, self._units, strict=True):
-                line.poll(unit, now)
+            self._equipment.step(time.monotonic())
 
     def close(self) -> None:
         self._over.set()
         self._thread.join(5.0)
-        self._server.close()
-        for line in self._lines:
-            line.close()
+        self._equipment.close()
 
 
 @pytest.fixture

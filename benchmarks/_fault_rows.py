@@ -1,0 +1,157 @@
+"""Rows of the fault suite: what is injected, what must follow, and a case that can fail."""
+
+import dataclasses as dc
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+#: What a row says where it did not come to a judgement.
+MISSING = "not there yet"
+
+
+class Different(Exception):
+    """A promise was not kept in a way that leaves nothing more to look at; the message says how."""
+
+
+@dataclass(frozen=True)
+class RowResult:
+    """How one fault ended.
+
+    Attributes:
+        id: of the row, as the field's catalogue counts: N, S, C, P, V, G or H and a number.
+        fault: in a few words.
+        injected: how it was injected.
+        outcome: the promises that were looked at and held; where one did not, what differed.
+        survived: every promise held.
+        message: what the user reads.
+        limit_violations: samples that were sent beyond a limit.
+        seconds: that the row took, wall clock.
+    """
+
+    id: str
+    fault: str
+    injected: str
+    outcome: str
+    survived: bool
+    message: str = ""
+    limit_violations: int = 0
+    seconds: float = 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain strings and numbers."""
+        return dc.asdict(self)
+
+
+@dataclass
+class Case:
+    """One injection under way: collects what held, what differed and what the user read.
+
+    Attributes:
+        folder: empty, for files.
+        seed: of every random choice.
+        kept: promises that held.
+        broken: promises that did not, each with what was found.
+        messages: what the user read, in order.
+        limit_violations: samples that were sent beyond a limit.
+    """
+
+    folder: Path
+    seed: int = 0
+    kept: list[str] = field(default_factory=list)
+    broken: list[str] = field(default_factory=list)
+    messages: list[str] = field(default_factory=list)
+    limit_violations: int = 0
+
+    @property
+    def rng(self) -> np.random.Generator:
+        """A generator from the seed, the same at every call."""
+        return np.random.default_rng(self.seed)
+
+    def expect(self, holds: object, promise: str, found: object = "") -> bool:
+        """Note whether a promise holds; `found` tells what was there instead."""
+        if holds:
+            if promise not in self.kept:
+                self.kept.append(promise)
+        else:
+            self.broken.append(f"NOT: {promise}" + (f" (found: {found})" if found != "" else ""))
+        return bool(holds)
+
+    def need(self, holds: object, promise: str, found: object = "") -> None:
+        """As `expect`, where nothing more can be looked at without it.
+
+        Raises:
+            Different: it does not hold.
+        """
+        if not self.expect(holds, promise, found):
+            raise Different
+
+    def reads(self, message: str, *words: str) -> None:
+        """Note what the user reads, and expect words in it (case aside)."""
+        text = " ".join(str(message).split())
+        if text and text not in self.messages:
+            self.messages.append(text)
+        for word in words:
+            self.expect(
+                word.lower() in text.lower(), f"the message says '{word}'", text or "nothing"
+            )
+
+    def violations(self, found: list[str]) -> None:
+        """Note samples that were sent beyond a limit."""
+        self.limit_violations += len(found)
+        self.expect(not found, "nothing beyond a limit was sent", "; ".join(found[:3]))
+
+
+@dataclass(frozen=True)
+class Row:
+    """One fault of the catalogue.
+
+    Attributes:
+        id: of the row.
+        fault: in a few words.
+        injected: how it is injected.
+        must: what must happen, in the catalogue's words.
+        play: injects it and says to the case what it found.
+    """
+
+    id: str
+    fault: str
+    injected: str
+    must: str
+    play: Callable[[Case], None]
+
+    def run(self, folder: Path, seed: int = 0) -> RowResult:
+        """Inject the fault and judge; an unforeseen exception is a promise that was not kept.
+
+        Args:
+            folder: for files; made, and empty before.
+            seed: of every random choice.
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        case = Case(folder, seed)
+        clock = time.perf_counter()
+        try:
+            self.play(case)
+        except Different:
+            pass
+        except ImportError as error:
+            case.broken.append(f"NOT: {MISSING} ({error})")
+        except Exception as error:  # noqa: BLE001  a row reports, whatever comes
+            case.broken.append(
+                f"NOT: no exception escapes (found: {type(error).__name__}: {error})"
+            )
+        if not case.kept and not case.broken:
+            case.broken.append("NOT: the row looked at something (found: nothing)")
+        return RowResult(
+            self.id,
+            self.fault,
+            self.injected,
+            "; ".join(case.broken or case.kept),
+            not case.broken and case.limit_violations == 0,
+            " / ".join(case.messages),
+            case.limit_violations,
+            time.perf_counter() - clock,
+        )

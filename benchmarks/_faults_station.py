@@ -1,0 +1,256 @@
+"""A scripted station for the closed loop: real supervisor, perception, planner and verification around fake devices."""
+
+import dataclasses as dc
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import Value
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import BasicVector, Context, Diagram, LeafSystem, State
+
+from unwrinkle.models.robot import Cell, load_cell
+from unwrinkle.models.scenario import load_scenario
+from unwrinkle.perception.camera import Camera
+from unwrinkle.perception.depth_file import Capture
+from unwrinkle.perception.head_file import nominal_calibration
+from unwrinkle.simulation.garments import Towel, capture_of, overhead_pose
+from unwrinkle.systems import ports
+from unwrinkle.systems.flattening_diagram import build_flattening_diagram, situation
+from unwrinkle.systems.held import held, hold, model
+from unwrinkle.systems.supervisor_state import Situation
+
+Array = NDArray[np.float64]
+#: What the depth camera gives at the n-th exposure (from 1); an exception's text becomes the reason.
+Camera_ = Callable[[int], Capture]
+
+_PERIOD = 0.025
+_OFF_BEAT = 0.010
+#: A depth camera straight above the garment's usual place.
+CAMERA = Camera("overhead", 400, 300, 437.5, 437.5, 199.5, 149.5, sensor="stereo")
+
+
+@cache
+def towel_capture(
+    towel: Towel, *, sigma: float = 0.0001, seed: int = 0, x: float | None = None
+) -> Capture:
+    """What a camera 1.6 m above the floor, over the towel or at an x of its own, sees in depth; without colour."""
+    pose = overhead_pose(towel.centre[0] if x is None else x, towel.centre[1], 1.6)
+    taken = capture_of(towel, CAMERA, pose, sigma=sigma, seed=seed)
+    return dc.replace(taken, colour=None, colour_registered=False)
+
+
+@dataclass
+class Script:
+    """What the devices do, and what they were told.
+
+    Attributes:
+        look: gives the picture of the n-th exposure.
+        no_close: exposures of grippers (n-th closing command) at which these hands hold nothing: (right, left).
+        lost_at: segment during which the cloth slips out of both hands.
+        deaf: numbers of gripper commands that get lost.
+        dark: exposures that never come.
+        sent: names of commands that arrived, in order.
+        posture: where the arms stood when each came, (13,) rad.
+    """
+
+    look: Camera_
+    no_close: dict[int, tuple[bool, bool]] = field(default_factory=dict)
+    lost_at: str = ""
+    deaf: frozenset[int] = frozenset()
+    dark: frozenset[int] = frozenset()
+    sent: list[str] = field(default_factory=list)
+    posture: list[Array] = field(default_factory=list)
+
+
+def _no_camera(number: int) -> Capture:
+    raise OSError("there is no camera")
+
+
+@dataclass(frozen=True, eq=False)
+class _World:
+    q: Array
+    v: Array
+    status: ports.ControllerStatus = field(default_factory=ports.ControllerStatus)
+    running: ports.TrajectoryCommand = field(default_factory=ports.TrajectoryCommand)
+    began: float = 0.0
+    grip: ports.GripperStatus = field(default_factory=ports.GripperStatus)
+    closings: int = 0
+    picture: ports.DepthImage = field(default_factory=ports.DepthImage)
+
+
+class ScriptedStation(LeafSystem):
+    """A station whose arms follow ideally, and whose camera and grippers do what the script says."""
+
+    def __init__(self, start: Array) -> None:
+        """Stand at `start` (13,), rad; `script` has to be set before anything runs."""
+        super().__init__()
+        self.script = Script(_no_camera)
+        self._state = self.DeclareAbstractState(model(_World(start, np.zeros_like(start))))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(_PERIOD, _OFF_BEAT, self._update)
+        for name, example in (
+            ("trajectory", ports.TrajectoryCommand()),
+            ("gripper.command", ports.GripperCommand()),
+            ("head.command", ports.HeadCommand()),
+        ):
+            self.DeclareAbstractInputPort(name, Value(example))
+        self.DeclareVectorInputPort("speed_override", 1)
+        ticket = {self.abstract_state_ticket(self._state)}
+        values: tuple[tuple[str, Any, Callable[[_World], Any]], ...] = (
+            ("controller.status", ports.ControllerStatus(), lambda w: w.status),
+            ("gripper.status", ports.GripperStatus(), lambda w: w.grip),
+            ("head.left_image", ports.HeadImage(), lambda w: ports.HeadImage()),
+            ("head.right_image", ports.HeadImage(), lambda w: ports.HeadImage()),
+            ("depth_camera.image", ports.DepthImage(), lambda w: w.picture),
+        )
+        for name, example, part in values:
+            self.DeclareAbstractOutputPort(
+                name, lambda example=example: Value(example), self._value(part), ticket
+            )
+        vectors: tuple[tuple[str, int, Callable[[_World], Array]], ...] = (
+            ("joints.position_measured", 13, lambda w: w.q),
+            ("joints.velocity_measured", 13, lambda w: w.v),
+            ("head.position_measured", 4, lambda w: np.zeros(4)),
+        )
+        for name, size, read in vectors:
+            self.DeclareVectorOutputPort(name, size, self._vector(read), ticket)
+
+    def _value(self, part: Callable[[_World], Any]) -> Callable[[Context, Any], None]:
+        return lambda context, output: output.set_value(part(held(context, self._state)))
+
+    def _vector(self, part: Callable[[_World], Array]) -> Callable[[Context, BasicVector], None]:
+        return lambda context, output: output.SetFromVector(part(held(context, self._state)))
+
+    def _update(self, context: Context, state: State) -> None:
+        world: _World = held(context, self._state)
+        now = context.get_time()
+        world = self._moved(world, self.GetInputPort("trajectory").Eval(context), now)
+        world = self._gripped(world, self.GetInputPort("gripper.command").Eval(context))
+        head: ports.HeadCommand = self.GetInputPort("head.command").Eval(context)
+        if head.number > world.picture.number and head.number not in self.script.dark:
+            world = dc.replace(world, picture=self._exposed(head.number, now))
+        hold(state, self._state, world)
+
+    def _moved(self, world: _World, command: ports.TrajectoryCommand, now: float) -> _World:
+        script = self.script
+        if command.number > world.status.command:
+            script.sent.append(command.name)
+            script.posture.append(world.q)
+            status = ports.ControllerStatus(ports.RUNNING, command.number, world.status.completed)
+            if command.trajectory is None:
+                status = dc.replace(status, state=ports.HOLDING)
+            world = dc.replace(world, status=status, running=command, began=now)
+        moving = world.running.trajectory
+        if world.status.state != ports.RUNNING or moving is None:
+            return dc.replace(world, v=np.zeros(13))
+        t = min(now - world.began, moving.duration)
+        motion = moving.interpolant()
+        world = dc.replace(world, q=motion(t), v=motion(t, 1))
+        if t >= moving.duration:
+            number = world.running.number
+            done = ports.ControllerStatus(ports.IDLE, number, number)
+            return dc.replace(world, status=done, v=np.zeros(13))
+        if script.lost_at and world.running.name == script.lost_at and t > 0.5 * moving.duration:
+            world = dc.replace(world, grip=dc.replace(world.grip, holding=(False, False)))
+        return world
+
+    def _gripped(self, world: _World, command: ports.GripperCommand) -> _World:
+        script = self.script
+        if command.number <= world.grip.command or command.number in script.deaf:
+            return world
+        word = "close" if any(command.closed) else "open"
+        script.sent.append(word)
+        script.posture.append(world.q)
+        closings = world.closings + any(command.closed)
+        empty = (
+            script.no_close.get(closings, (False, False)) if any(command.closed) else (True,) * 2
+        )
+        holding = tuple(c and not e for c, e in zip(command.closed, empty, strict=True))
+        grip = ports.GripperStatus(
+            command.number, (0.0, 0.0), command.closed, (holding[0], holding[1])
+        )
+        return dc.replace(world, grip=grip, closings=closings)
+
+    def _exposed(self, number: int, now: float) -> ports.DepthImage:
+        try:
+            return ports.DepthImage(number, self.script.look(number), now)
+        except Exception as error:  # noqa: BLE001  what a camera's driver may raise
+            return ports.DepthImage(number, None, now, f"{type(error).__name__}: {error}")
+
+
+@dataclass(frozen=True, eq=False)
+class LoopRun:
+    """A closed loop that has ended.
+
+    Attributes:
+        end: the supervisor's last situation.
+        outcomes: of the actions, in order, each with its reason.
+        sent: commands that reached the devices.
+        start, stands: where the arms stood first and last, (13,) rad.
+        duration: on the station's clock, s.
+    """
+
+    end: Situation
+    outcomes: tuple[tuple[str, str], ...]
+    sent: tuple[str, ...]
+    start: Array
+    stands: Array
+    duration: float
+
+
+@cache
+def depth_cell() -> Cell:
+    """The shipped cell with the depth camera as its sensor."""
+    scenario = load_scenario()
+    return load_cell(dc.replace(scenario, sensor=dc.replace(scenario.sensor, kind="depth")))
+
+
+@cache
+def _loop(cell: Cell) -> tuple[Diagram, ScriptedStation]:
+    """The loop around a scripted station; its models take a second to build."""
+    head = nominal_calibration().stereo_head(cell.limits.head)
+    station: Any = ScriptedStation(_home(cell))
+    return build_flattening_diagram(cell, station, head), station
+
+
+def _home(cell: Cell) -> Array:
+    return np.array(cell.robot.named_states["home"], dtype=float)
+
+
+def run_loop(script: Script, *, cell: Cell | None = None, most: float = 200.0) -> LoopRun:
+    """Run the whole loop around a scripted station until it ends.
+
+    Args:
+        script: of the devices.
+        cell: whose sensor is the depth camera.
+        most: s on the station's clock.
+
+    Raises:
+        TimeoutError: it did not end in that time.
+    """
+    cell = cell or depth_cell()
+    diagram, station = _loop(cell)
+    station.script = script
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    outcomes: list[tuple[str, str]] = []
+    last = None
+    while True:
+        now = situation(diagram, context)
+        if now.finished is not None and now.finished is not last:
+            last = now.finished
+            outcomes.append((last.outcome, last.reason))
+        if now.over:
+            break
+        if context.get_time() > most:
+            raise TimeoutError(f"the loop is in {now.mode} after {most:g} s")
+        simulator.AdvanceTo(context.get_time() + 4 * _PERIOD)
+    outcomes.append((now.action.outcome, now.action.reason))
+    own = station.GetMyContextFromRoot(context)
+    stands = np.array(station.GetOutputPort("joints.position_measured").Eval(own))
+    return LoopRun(
+        now, tuple(outcomes), tuple(script.sent), _home(cell), stands, context.get_time()
+    )

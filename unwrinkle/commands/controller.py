@@ -1,0 +1,109 @@
+"""``unwrinkle controller``: a virtual robot controller that speaks the real one's bytes."""
+
+from typing import Annotated
+
+import typer
+
+
+def controller(
+    site: Annotated[
+        str, typer.Option(help="A *.site.yaml, or a shipped site: loopback.")
+    ] = "loopback",
+    profile: Annotated[
+        str, typer.Option(help="Points it takes: groups, ex or both; the site's if left out.")
+    ] = "",
+    ports: Annotated[
+        str,
+        typer.Option(help="MOTION,STATE,IO in place of the site's; 0 for any that is free."),
+    ] = "",
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KIND[=VALUE][@BEGIN[-END]]", help="A fault to commit; repeatable."),
+    ] = None,
+    lag: Annotated[float, typer.Option(min=0.0, help="Time constant of the axes, s.")] = 0.02,
+    cloth: Annotated[
+        bool, typer.Option("--cloth/--no-cloth", help="Grippers that close hold cloth.")
+    ] = True,
+    pan_tilt: Annotated[
+        bool, typer.Option("--pan-tilt", help="Two virtual pan-tilt units as well.")
+    ] = False,
+    list_faults: Annotated[
+        bool, typer.Option("--list-faults", help="List the faults and end.")
+    ] = False,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.0, help="End after so long, not at Ctrl-C alone.")
+    ] = None,
+) -> None:
+    """Run a virtual controller until Ctrl-C; `unwrinkle execute PLAN --site loopback` talks to it."""
+    import dataclasses as dc
+    import signal
+    import time
+
+    from rich.console import Console
+
+    from unwrinkle.simulation.controller_server import KINDS, ServerFault
+    from unwrinkle.simulation.virtual_controller import VirtualControllerSettings
+    from unwrinkle.sites import find_site, site_cell
+    from unwrinkle.virtual_equipment import VirtualEquipment
+
+    console = Console()
+
+    def say(text: str) -> None:
+        console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+    if list_faults:
+        for kind, meaning in KINDS.items():
+            say(f"{kind:16} {meaning}")
+        return
+    found = find_site(site)
+    settings = VirtualControllerSettings(
+        accepts=found.controller.profile, synchro=found.controller.synchro != "off"
+    )
+    if profile:
+        settings = dc.replace(settings, accepts=profile)
+    cell = site_cell(found)
+    equipment = VirtualEquipment(
+        found,
+        cell.with_speed(1.0).limits,
+        cell.robot.named_states["home"],
+        settings=settings,
+        ports=_ports(ports),
+        faults=tuple(map(ServerFault.parse, fault or ())),
+        lag=lag,
+        cloth=cloth,
+        pan_tilt=pan_tilt,
+    )
+    # A signal to end ends it as Ctrl-C does.
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        motion, state, io = equipment.server.ports
+        say(
+            f"virtual controller on {found.controller.host}: motion {motion}, state {state}, I/O {io}"
+        )
+        for side, device in zip(("left", "right"), equipment.devices, strict=False):
+            say(f"pan-tilt unit, {side}: {device}")
+        say("Ctrl-C ends it")
+        begin = now = time.monotonic()
+        while seconds is None or now - begin < seconds:
+            for text in equipment.step(now):
+                say(f"{now - begin:9.3f} s  {text}")
+            # Half an interpolation period: the controller answers as soon as the real one.
+            time.sleep(0.5 * settings.period)
+            now = time.monotonic()
+    except KeyboardInterrupt:
+        say("ended")
+    finally:
+        signal.signal(signal.SIGTERM, before)
+        equipment.close()
+
+
+def _ports(text: str) -> tuple[int, int, int] | None:
+    """Three port numbers; None if none are given."""
+    from unwrinkle.models.errors import InputError
+
+    if not text:
+        return None
+    parts = text.split(",")
+    if len(parts) != 3 or not all(part.strip().isdigit() and int(part) < 65536 for part in parts):
+        raise InputError(f"--ports {text}: give three port numbers, as 50240,50241,50242")
+    return int(parts[0]), int(parts[1]), int(parts[2])

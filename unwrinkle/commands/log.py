@@ -1,0 +1,74 @@
+"""``unwrinkle log``: what a run log of `unwrinkle execute` holds, also after a crash."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+log = typer.Typer(help="Show, replay or export the log of an execution.", no_args_is_help=True)
+
+_LogArgument = Annotated[Path, typer.Argument(metavar="LOG", help="Log of `unwrinkle execute`.")]
+_ScenarioOption = Annotated[
+    Path | None, typer.Option(help="The cell it was made in; the log's own if left out.")
+]
+#: Columns of a table that is not shown in a terminal.
+_WIDTH = 140
+
+
+@log.command()
+def show(path: _LogArgument) -> None:
+    """Print what happened: header, counts, states and events."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    from unwrinkle.hardware.run_log_reader import read_run_log
+    from unwrinkle.log_summary import event_rows, summary_rows
+
+    records = read_run_log(path)
+    console = Console()
+    if not console.is_terminal:
+        console.width = _WIDTH
+    facts = Table(title=str(path), title_justify="left", box=box.SIMPLE, show_header=False)
+    for name, value in summary_rows(records):
+        facts.add_row(name, value)
+    console.print(facts)
+    happened = Table("time", "what", "text", title="Events", title_justify="left", box=box.SIMPLE)
+    for row in event_rows(records):
+        happened.add_row(*row)
+    console.print(happened)
+
+
+@log.command()
+def replay(
+    path: _LogArgument,
+    html: Annotated[Path | None, typer.Option(help="Write the page here [beside the log].")] = None,
+    scenario: _ScenarioOption = None,
+) -> None:
+    """Write a page with the robot's measured motion."""
+    from rich.console import Console
+
+    from unwrinkle.hardware.run_log_reader import read_run_log
+    from unwrinkle.log_replay import cell_of, plan_of, replay_page
+    from unwrinkle.models.files import write_text
+
+    records = read_run_log(path)
+    page = path.with_suffix(".html") if html is None else html
+    cell = cell_of(records, scenario)
+    write_text(page, replay_page(records, cell, plan_of(records), title=path.name))
+    Console().print(f"replay  {page}", highlight=False, soft_wrap=True)
+
+
+@log.command()
+def export(
+    path: _LogArgument,
+    mcap: Annotated[Path, typer.Option(help="Write this MCAP file.")],
+) -> None:
+    """Export it for tools that plot and replay recordings."""
+    from rich.console import Console
+
+    from unwrinkle.hardware.run_log_reader import read_run_log
+    from unwrinkle.log_export import export_mcap
+
+    count = export_mcap(read_run_log(path), mcap)
+    Console().print(f"{mcap}: {count} messages", highlight=False, soft_wrap=True)
