@@ -150,10 +150,11 @@ class DriverCore:
             for command in [Command.STOP_MOTION, *commands] if moving else commands:
                 link.send(MotionControl(ALL_GROUPS, 0, command).to_message().encode())
             link.drain(_LEAVING)
-            # Unread bytes would make the system drop what was sent.
+            # Answers that find nobody would make the controller's system drop what was sent; it closes in the end.
             end = time.monotonic() + _LEAVING
-            while not link.closed and time.monotonic() < end and link.wait(0.02):
-                link.receive()
+            while not link.closed and (left := end - time.monotonic()) > 0.0:
+                if link.wait(left):
+                    link.receive()
         if self.links:
             self._event("disconnect", "disconnected")
         self._disconnect()

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from unwrinkle.models import InputError
 from unwrinkle.perception.noise import NoiseProfile, noise_profile
@@ -18,6 +19,9 @@ from unwrinkle.perception.target import MODES, FlatteningTarget, NoTarget
 from unwrinkle.perception.targeting import TableTop, flattening_target
 from unwrinkle.perception.wrinkle import Wrinkle, wrinkles_of
 from unwrinkle.perception.wrinkledness import Wrinkledness, wrinkledness
+
+#: An outline this near to the table's edge runs along it, metres: the rim that a view may lack.
+_AT_EDGE = 0.012
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +76,19 @@ class Analysis:
         half = 0.5 * np.asarray(self.table.size)
         beyond = np.any(np.abs(points - self.table.centre) > half, axis=1)
         return float(beyond.mean()) if len(beyond) else 0.0
+
+    @property
+    def share_along_edge(self) -> float:
+        """Share of the garment's outline that runs along the table's edges: more may hang over them."""
+        mask = self.range_map.garment
+        inner = ndimage.binary_erosion(mask)
+        rows, columns = np.nonzero(mask & ~inner)
+        points = self.range_map.origin + self.range_map.resolution * np.column_stack(
+            [columns, rows]
+        )
+        half = 0.5 * np.asarray(self.table.size) - _AT_EDGE
+        along = np.any(np.abs(points - self.table.centre) > half, axis=1)
+        return float(along.mean()) if len(along) else 0.0
 
     @cached_property
     def classes(self) -> NDArray[np.uint8]:

@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.errors import NoSafePlanError
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.joint_lines import time_line
 from unwrinkle.planning.kinematics import Kinematics
@@ -31,7 +32,11 @@ class MotionTiming:
         self._limits, self._settings, self._kinematics = cell.limits, settings, kinematics
 
     def pieces(self, motion: Motion) -> list[TimedPath]:
-        """The motion's three pieces, each from rest to rest; the tools' speed is capped where they hold cloth."""
+        """The motion's three pieces, each from rest to rest; the tools' speed is capped where they hold cloth.
+
+        Raises:
+            NoSafePlanError: a piece takes longer than the settings allow.
+        """
         limits, keep = self._limits, 1.0 - self._settings.margin
         paths, bounds = [], []
         for (name, _, _), points in zip(PIECES, motion.paths, strict=True):
@@ -46,7 +51,15 @@ class MotionTiming:
                     keep * limits.tip_speed_holding if holding else None,
                 )
             )
-        return time_paths(paths, bounds)
+        timed = time_paths(paths, bounds)
+        longest = self._settings.longest
+        for (name, _, _), piece in zip(PIECES, timed, strict=True):
+            if not piece.duration <= longest:
+                raise NoSafePlanError(
+                    f"the {name} would take {piece.duration:.0f} s, at most {longest:.0f} s are allowed; "
+                    "check the limits and the speed"
+                )
+        return timed
 
     def segments(
         self, motion: Motion, pieces: list[TimedPath], ways: tuple[Transit, Transit]
@@ -84,7 +97,10 @@ class MotionTiming:
     def _line_samples(self, way: Transit) -> Samples:
         """Straight joint lines with a stop at every corner."""
         margin, period = self._settings.margin, self._settings.sample_time
-        lines = [time_line(a, b, self._limits, margin, period) for a, b in pairwise(way.points)]
+        longest = self._settings.longest
+        lines = [
+            time_line(a, b, self._limits, margin, period, longest) for a, b in pairwise(way.points)
+        ]
         return _joined([(t, q, v) for t, q, v, _ in lines])
 
 

@@ -11,7 +11,12 @@ Array = NDArray[np.float64]
 
 
 def time_line(
-    start: Array, goal: Array, limits: Limits, margin: float, period: float
+    start: Array,
+    goal: Array,
+    limits: Limits,
+    margin: float,
+    period: float,
+    longest: float = np.inf,
 ) -> tuple[Array, Array, Array, float]:
     """Samples of the fastest jerk-limited motion along a straight joint line.
 
@@ -21,12 +26,13 @@ def time_line(
         limits: of the axes.
         margin: fraction of every limit that is left unused.
         period: of the samples, s; the motion is slowed by less than one period so that its end falls on a sample.
+        longest: s; a motion that takes longer is refused before it is sampled.
 
     Returns:
         Times (N,), positions and velocities (N, n), and the duration before that slowing, s.
 
     Raises:
-        NoSafePlanError: ruckig finds no motion (limits that are not positive, say).
+        NoSafePlanError: ruckig finds no motion (limits that are not positive, say), or one that takes too long.
     """
     n = len(start)
     distance = float(np.abs(goal - start).max())
@@ -43,9 +49,15 @@ def time_line(
     try:
         result = generator.calculate(request, motion)
     except ruckig.RuckigError as error:
-        raise NoSafePlanError(f"no jerk-limited motion along a joint line: {error}") from error
+        cause = str(error).partition(" input:")[0]  # the rest repeats every number of the question
+        raise NoSafePlanError(f"no jerk-limited motion along a joint line: {cause}") from error
     if result not in (ruckig.Result.Working, ruckig.Result.Finished):
         raise NoSafePlanError(f"no jerk-limited motion along a joint line: ruckig says {result}")
+    if motion.duration > longest:
+        raise NoSafePlanError(
+            f"a transit would take {motion.duration:.0f} s, at most {longest:.0f} s are allowed; check "
+            "the limits and the speed"
+        )
     count = max(1, int(np.ceil(motion.duration / period - 1e-9)))
     stretch = count * period / motion.duration
     t = period * np.arange(count + 1, dtype=float)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models.errors import InputError
+from unwrinkle.models.errors import InputError, NoSafePlanError
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.planning.assembly import MotionTiming
@@ -128,8 +128,12 @@ class FlatteningPlanner:
                 failure = failure or explain(kind, log, target)
                 continue
             clock = time.perf_counter()
-            pieces = self._timing.pieces(motion)
-            segments, events = self._timing.segments(motion, pieces, ways.found)
+            try:
+                pieces = self._timing.pieces(motion)
+                segments, events = self._timing.segments(motion, pieces, ways.found)
+            except NoSafePlanError as error:
+                failure = failure or PlanFailure("time", f"no {kind}-arm motion: {error}")
+                continue
             timings.timing = time.perf_counter() - clock
             timings.transit_kinds = tuple(way.kind for way in ways.found)
             _log.info(

@@ -91,6 +91,7 @@ class PlannerSettings:
         margin: fraction of velocity, acceleration and jerk limits that the timing leaves unused, for the controller's
             cubic interpolation between samples.
         seed: of the sampling transit planner.
+        longest: s, of one piece of a motion; a plan that takes longer is refused.
     """
 
     stages: tuple[Stage, ...] = STAGES
@@ -100,6 +101,7 @@ class PlannerSettings:
     sample_time: float = 0.008
     margin: float = 0.015
     seed: int = 0
+    longest: float = 600.0
     weights: "CostWeights" = field(default_factory=lambda: CostWeights())
 
 

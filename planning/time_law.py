@@ -142,8 +142,10 @@ class JointPath:
             tips: (N, 2, 3) tool centre points there, m, where their speed is to be limited.
 
         Raises:
-            InputError: the path has no length.
+            InputError: the path has no length, or a number in it is not finite.
         """
+        if not np.isfinite(points).all():
+            raise InputError(f"a path of {len(points)} points has numbers that are not finite")
         if np.ptp(points, axis=0).max() < _SHORTEST:
             raise InputError(f"a path of {len(points)} points has no length to be timed")
         s = np.linspace(0.0, 1.0, len(points))

@@ -83,7 +83,7 @@ class Execution:
             reason = status.reason or "it gives no reason"
             return fault(now, f"{step.name}: the controller is in fault: {reason}", feedback)
         if status.completed == number:
-            return self._done(now, number, feedback)
+            return self._done(_held_on(now, feedback), number, feedback)
         if status.command != number:
             if waited <= self._settings.answer:
                 return now
@@ -160,3 +160,20 @@ class Execution:
         action = replace(now.action, steps=(*now.action.steps, record))
         now = replace(now, steps=tuple(rest), action=action)
         return entered(now, rest[0].mode if rest else states.LOOK, feedback)
+
+
+def _held_on(now: Situation, feedback: Feedback) -> Situation:
+    """Mark the action as missed where a closed gripper has lost its cloth on the way."""
+    status = feedback.grippers()
+    lost = [
+        name
+        for name, closed, holding in zip(
+            ("right", "left"), status.closed, status.holding, strict=True
+        )
+        if closed and not holding
+    ]
+    if not lost or now.action.outcome:
+        return now
+    reason = f"the {' and the '.join(lost)} gripper lost the cloth during the {now.steps[0].name}"
+    _log.warning(reason)
+    return replace(now, action=replace(now.action, outcome="missed", reason=reason))

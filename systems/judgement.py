@@ -36,6 +36,9 @@ THICKEST_LAYER = 0.003
 #: A garment with more than this share of its seen area beyond the table's edges is not worked on.
 MOST_BEYOND = 0.5
 
+#: A garment with more than this share of its outline along the table's edges hangs over them: not flat.
+MOST_ALONG_EDGE = 0.22
+
 #: Percentile of a ridge's crest that counts as its highest part.
 HIGHEST = 95.0
 
@@ -76,12 +79,14 @@ class Sight(Shared):
         halting_pull: of the sensor, m.
         noise: standard deviation of the sensor's readings, m.
         beyond: share of the garment's seen area beyond the table's edges.
+        along_edge: share of its outline along the table's edges.
     """
 
     wrinkles: tuple[SeenWrinkle, ...] = ()
     halting_pull: float = 0.005
     noise: float = 0.0
     beyond: float = 0.0
+    along_edge: float = 0.0
 
     def worth_pulling(self, halting_height: float) -> list[SeenWrinkle]:
         """Wrinkles that ask for the halting pull or are higher than this (m), largest first.
@@ -121,6 +126,7 @@ def sight_of(analysis: Analysis) -> Sight:
         analysis.profile.halting_pull,
         analysis.profile.depth_noise,
         analysis.share_beyond_table,
+        analysis.share_along_edge,
     )
 
 
@@ -297,6 +303,12 @@ def decide(sight: Sight, memory: Memory, rules: LoopSettings) -> Pull | Stop:
             f"{MOST_BEYOND:.0%} may; lay it back",
         )
     worth = sight.worth_pulling(rules.halting_height)
+    if not worth and sight.along_edge > MOST_ALONG_EDGE:
+        return Stop(
+            False,
+            f"{sight.along_edge:.0%} of the garment's outline runs along the table's edge, at most "
+            f"{MOST_ALONG_EDGE:.0%} may; it hangs over, lay it back",
+        )
     if not worth:
         pull = max((wrinkle.pull for wrinkle in sight.wrinkles), default=0.0)
         height = max((wrinkle.height for wrinkle in sight.wrinkles), default=0.0)

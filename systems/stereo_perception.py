@@ -1,5 +1,6 @@
 """From the head's pictures to the range map: computed when asked for, once per exposure."""
 
+import dataclasses as dc
 import logging
 import time
 
@@ -19,6 +20,9 @@ from unwrinkle.systems.results import Perceived
 
 #: How perception's message begins where the table is bare.
 NO_GARMENT = "no garment found"
+#: Most time between the eyes' exposures, s, and between the angles that they report for one look, rad: a few of the
+#: units' steps.
+MOST_APART, MOST_TURNED = 1.0, 7e-4
 #: Height of a garment that a stereo pair does not tell from the table, m.
 UNSEEN = noise_profile("stereo-head").garment_height
 
@@ -104,6 +108,7 @@ class StereoPerception(LeafSystem):
                         f"look {number}: the {side} camera returned nothing"
                         f"{': ' if image.reason else ''}{image.reason}"
                     )
+            _check_together(number, left, right)
             assert left.pixels is not None and right.pixels is not None
             found = range_map_from_pair(
                 StereoPair(left.pixels, right.pixels, f"look {number}"),
@@ -115,6 +120,24 @@ class StereoPerception(LeafSystem):
         except InputError as error:
             return failed(number, error, clock, unseen=UNSEEN)
         return Perceived(number, found, seconds=time.perf_counter() - clock)
+
+
+def _check_together(number: int, left: HeadImage, right: HeadImage) -> None:
+    """Refuse pictures of two times, or of two gazes."""
+    apart = abs(left.time - right.time)
+    if not apart <= MOST_APART:
+        raise InputError(
+            f"look {number}: the eyes' pictures were taken {apart:.1f} s apart, at most "
+            f"{MOST_APART:.1f} s; look again"
+        )
+    turned = max(
+        abs(a - b) for a, b in zip(dc.astuple(left.gaze), dc.astuple(right.gaze), strict=True)
+    )
+    if not turned <= MOST_TURNED:
+        raise InputError(
+            f"look {number}: the eyes report gazes {1e3 * turned:.1f} mrad apart, at most "
+            f"{1e3 * MOST_TURNED:.1f} mrad; the head moved in between, look again"
+        )
 
 
 def _same(a: tuple[HeadImage, HeadImage], b: tuple[HeadImage, HeadImage]) -> bool:

@@ -1,5 +1,6 @@
 """The driver against the virtual controller, over TCP on loopback, on one clock."""
 
+import threading
 from collections.abc import Callable
 
 import numpy as np
@@ -199,11 +200,19 @@ def test_closing_in_motion_stops_all_groups(make_rig, make_trajectory: Trajector
     rig.connect()
     rig.run(make_trajectory(7))
     rig.wait(0.6)
+    over = threading.Event()
+
+    def serve() -> None:
+        while not over.wait(0.001):
+            rig.time += 0.004
+            rig.server.poll(rig.time)
+
+    server = threading.Thread(target=serve, daemon=True)
+    server.start()
     rig.driver.close()
     assert rig.state == "offline" and not rig.driver.links
-    for _ in range(10):
-        rig.time += 0.004
-        rig.server.poll(rig.time)
+    over.set()
+    server.join(5.0)
     assert Command.STOP_MOTION in rig.sent_commands()
     assert not rig.server.motion and not rig.controller.queued[0]
     rig.driver.poll(rig.time)

@@ -109,7 +109,7 @@ def test_nobody_there_and_a_robot_in_use_are_named(
     site: ControllerSite, limits: Limits, robot: Robot
 ) -> None:
     nowhere = dc.replace(site, state_port=1, connect_timeout=0.5)
-    with pytest.raises(HardwareError, match="127.0.0.1:1 "):
+    with pytest.raises(HardwareError, match=r"127\.0\.0\.1:1 "):
         DriverProcess(nowhere, limits).start()
     with DriverProcess(site, limits, command="the first") as first:
         assert first.status.state != OFFLINE

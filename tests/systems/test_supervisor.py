@@ -56,6 +56,7 @@ def analysis_of(wrinkles: tuple[tuple[float, float, float, float], ...]) -> Any:
         mode="foot",
         profile=SimpleNamespace(halting_pull=0.005, depth_noise=0.0003),
         share_beyond_table=0.0,
+        share_along_edge=0.0,
         range_map=SimpleNamespace(
             garment=np.ones((3, 3), dtype=bool),
             table_height=0.7,
