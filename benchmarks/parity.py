@@ -1,6 +1,7 @@
 """One plan in three forms: simulated, through the drivers and TCP, and as the run log has it."""
 
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,8 @@ from scipy.optimize import minimize_scalar
 
 from unwrinkle.benchmarks._station_runs import StationRun, first_plan, run_on_station
 from unwrinkle.benchmarks.report import Progress
-from unwrinkle.flattening_setup import simulated_cloth, with_choices
+from unwrinkle.flattening_run import FlatteningRun
+from unwrinkle.flattening_setup import build_loop, simulated_cloth, with_choices
 from unwrinkle.hardware.run_log import RunLog
 from unwrinkle.hardware.run_log_reader import RunLogRecords, read_run_log
 from unwrinkle.models.robot import Cell, load_cell
@@ -35,20 +37,20 @@ _LATER = 0.204
 def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
     """Run the first plan of the default towel in each form; smaller pictures if quick."""
     scenario = with_choices(load_scenario(), scale=0.25 if quick else None)
-    progress(0, 5, "plan")
+    progress(0, 6, "plan")
     plan = first_plan(scenario, seed)
     runs: dict[str, StationRun] = {}
     checks: dict[str, dict[str, Any]] = {}
     records = None
     with tempfile.TemporaryDirectory() as folder:
         for done, form in enumerate(("sim", "loopback"), start=1):
-            progress(done, 5, form)
+            progress(done, 6, form)
             path = Path(folder) / f"{form}.jsonl"
             runs[form], cell = _executed(with_choices(scenario, station=form), seed, plan, path)
             checks[form] = _against_plan(runs[form], plan, cell)
         records = read_run_log(path)
         loopback = _differences(runs["sim"], runs["loopback"])
-        progress(3, 5, "loopback in phase")
+        progress(3, 6, "loopback in phase")
         phases = _phases(runs["sim"], loopback["lags"], scenario.station.cloth_step)
         in_phase, _ = _executed(
             with_choices(scenario, station="loopback"),
@@ -57,9 +59,11 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
             path.with_stem("in-phase"),
             phases,
         )
-    progress(4, 5, "sim later")
+    progress(4, 6, "sim later")
     late, _ = _executed(scenario, seed, plan, path, {"approach": (1.0, _LATER)})
     true = runs["sim"].cloth
+    progress(5, 6, "closed loop")
+    loop = None if quick else _closed_loop(with_choices(scenario, station="loopback"), seed)
     return {
         "seed": seed,
         "plan": plan.content_hash[:12],
@@ -73,6 +77,7 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
             "loopback": _distances(true, runs["loopback"].cloth),
             "sim_later": _distances(true, late.cloth),
         },
+        "closed_loop": loop,
         "held": bool(runs["sim"].holding and runs["loopback"].holding),
         "records": len(records.measured.times),
         "points": len(records.commanded.times),
@@ -103,6 +108,7 @@ def table(results: dict[str, Any]) -> str:
         f"| as soon as each step is done | | {_mm(cloth['loopback'])} |",
         f"| for comparison: sim against itself, begun 4 ms later | | {_mm(cloth['sim_later'])} |",
         f"| limits or clearances broken: sim, loopback | 0 | {len(sim['violations'])}, {len(loopback['violations'])} |",
+        *_loop_rows(results["closed_loop"]),
         "",
         "Lag of the segments behind the simulation's, from the command on (servo power, start of the job, the pause between "
         "trajectories included): "
@@ -120,6 +126,31 @@ def table(results: dict[str, Any]) -> str:
         )
         lines.append(f"| {axis} | {numbers} |")
     return "\n".join(lines)
+
+
+def _closed_loop(scenario: Scenario, seed: int) -> dict[str, Any]:
+    """The default towel, flattened through the drivers."""
+    clock = time.perf_counter()
+    loop = build_loop(scenario, seed=seed)
+    try:
+        run = FlatteningRun(loop)
+        ending = run.run()
+        truth = run.station.truth() or {}
+    finally:
+        loop.close()
+    seconds = time.perf_counter() - clock
+    actions = ending.situation.memory.actions
+    return {"status": ending.status, "actions": actions, "seconds": seconds, **truth}
+
+
+def _loop_rows(loop: dict[str, Any] | None) -> list[str]:
+    if loop is None:
+        return []
+    return [
+        f"| closed loop through the drivers, the default towel: status, actions | flat | {loop['status']}, {loop['actions']} |",
+        f"| its true height and coverage in the end | 5 mm, 98 % | {1e3 * loop['height']:.1f} mm, {loop['coverage']:.1%} |",
+        f"| its wall clock | | {loop['seconds']:.0f} s |",
+    ]
 
 
 def _mm(distances: dict[str, float]) -> str:

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,12 @@ from unwrinkle.hardware.exposure import Exposer
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.site import CameraSite
 
+#: Size of the frames that are asked for, columns and rows; devices begin with a smaller one.
+SIZE = (640, 480)
+
 _MILLIMETRE = 1e-3
+#: ASSUMED: so many first frames of a stream are passed over, since depth settles in them.
+_UNSTEADY = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +46,10 @@ class _Depth:
 
 
 def grab_openni2() -> NDArray[np.uint16]:
-    """One depth frame (h, w), mm, 0 where there is none, of the first device.
+    """One depth frame (h, w), mm, 0 where there is none, of the first device; never mirrored.
 
     Raises:
-        HardwareError: library or device are missing.
+        HardwareError: the binding, the library or the device are missing, or the device gives no such frame.
     """
     try:
         # No declared dependency: the library itself has to be installed by hand.
@@ -52,19 +58,39 @@ def grab_openni2() -> NDArray[np.uint16]:
         raise HardwareError(
             "an OpenNI2 camera needs the OpenNI2 library and: pip install openni"
         ) from None
+    stage = (
+        "the OpenNI2 library does not load: {}; install it (package libopenni2-0), or set OPENNI2_REDIST to its "
+        "folder"
+    )
     try:
         openni2.initialize()
-        stream = openni2.Device.open_any().create_depth_stream()
-        stream.start()
+        stage = "no OpenNI2 device: {}; is the camera plugged in, and may this user open it (udev rules)?"
         try:
-            frame = stream.read_frame()
-            flat = np.frombuffer(frame.get_buffer_as_uint16(), dtype=np.uint16)
-            return flat.reshape(frame.height, frame.width).copy()
+            device = openni2.Device.open_any()
+            stage = "no depth frame from OpenNI2: {}; unplug the camera and plug it in again"
+            return _frame(openni2, device.create_depth_stream())
         finally:
-            stream.stop()
             openni2.unload()
     except Exception as error:  # noqa: BLE001  the binding raises its own kinds
-        raise HardwareError(f"no depth frame from OpenNI2: {error}; is it plugged in?") from None
+        raise HardwareError(stage.format(error)) from None
+
+
+def _frame(openni2: Any, stream: Any) -> NDArray[np.uint16]:
+    mode = stream.get_video_mode()
+    mode.resolutionX, mode.resolutionY = SIZE
+    mode.pixelFormat = openni2.PIXEL_FORMAT_DEPTH_1_MM
+    stream.set_video_mode(mode)
+    stream.set_mirroring_enabled(False)
+    stream.start()
+    try:
+        for _ in range(_UNSTEADY + 1):
+            frame = stream.read_frame()
+        flat = np.frombuffer(frame.get_buffer_as_uint16(), dtype=np.uint16)
+        picture = flat.reshape(frame.height, frame.width).copy()
+        # Devices may ignore the wish, and a mirrored garment would be gripped on the wrong side.
+        return picture[:, ::-1].copy() if stream.get_mirroring_enabled() else picture
+    finally:
+        stream.stop()
 
 
 class OpenNi2Camera:

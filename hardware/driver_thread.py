@@ -1,6 +1,7 @@
 """The controller's driver in a thread of its own, on a real clock."""
 
 import logging
+import select
 import threading
 import time
 from collections.abc import Callable
@@ -204,7 +205,18 @@ class DriverThread:
                     failed = True
                     self._fail(error)
                 self._changed.notify_all()
-            self._end.wait(self._period)
+            self._pause()
+
+    def _pause(self) -> None:
+        """Wait for a period, or until the controller says something: the next point waits for its answer."""
+        links = [link for link in self._driver.links.values() if not link.closed]
+        try:
+            if links:
+                select.select(links, [], [], self._period)
+                return
+        except (OSError, ValueError):  # closed meanwhile
+            pass
+        self._end.wait(self._period)
 
     def _fail(self, error: Exception) -> None:
         try:

@@ -137,7 +137,7 @@ SUBCODES: dict[int, str] = {
     5001: "the controller shows an alarm; clear its cause, then reset it on the pendant",
     5002: "the controller shows an error; acknowledge it on the pendant",
     5003: "an emergency stop is pressed; release it, then reset",
-    5004: "the pendant is not in play mode; turn its key to play",
+    5004: "the pendant is in teach mode, not in play; turn its key to play",
     5005: "the controller is not in remote; turn the pendant's key to remote",
     5006: "the servos are off; start trajectory mode again",
     5007: "the pendant's hold is pressed; release it",

@@ -1,12 +1,14 @@
 """The grippers' driver behind the station's ports."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 from pydrake.common.value import Value
 from pydrake.systems.framework import Context, LeafSystem, State
 
 from unwrinkle.hardware.grippers import Grippers
+from unwrinkle.hardware.logging_ports import NoLog, RunLogger
 from unwrinkle.systems.device_clock import Clock, diagram_time
 from unwrinkle.systems.held import held, hold, model
 from unwrinkle.systems.ports import GripperCommand, GripperStatus
@@ -26,6 +28,7 @@ class GripperDriverSystem(LeafSystem):
         period: float,
         clock: Clock = diagram_time,
         open_first: bool = False,
+        log: RunLogger | None = None,
     ) -> None:
         """Wrap a driver.
 
@@ -35,11 +38,13 @@ class GripperDriverSystem(LeafSystem):
             period: of polls, s.
             clock: that the driver goes by.
             open_first: open both before anything else, since plans begin with open grippers.
+            log: takes down what is commanded.
         """
         super().__init__()
         self.set_name("gripper driver")
         self._grippers, self._open, self._clock = grippers, opening, clock
         self._sent = 0
+        self._log: RunLogger = log or NoLog()
         self._before = int(open_first)
         if open_first:
             grippers.command(1, (False, False))
@@ -62,6 +67,12 @@ class GripperDriverSystem(LeafSystem):
         if command.number > self._sent:
             self._sent = command.number
             self._grippers.command(command.number + self._before, command.closed)
+            closed = [bool(c) for c in command.closed]
+            text = ", ".join("close" if c else "open" for c in closed) + " (right, left)"
+            with suppress(
+                OSError
+            ):  # a log that cannot be written ends the motion, by the controller's driver
+                self._log.event(self._clock(context.get_time()), "gripper", text, closed=closed)
         self._grippers.poll(self._clock(context.get_time()))
         report = self._grippers.status
         right, left = report.closed

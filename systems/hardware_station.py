@@ -5,11 +5,13 @@ trajectories are streamed whatever the rest of the diagram computes. The diagram
 """
 
 import time
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort
 
+from unwrinkle.hardware.camera_openni import OpenNi2Camera, grab_openni2
 from unwrinkle.hardware.cameras import PairCamera, open_cameras
 from unwrinkle.hardware.driver_process import DriverProcess
 from unwrinkle.hardware.grippers import Grippers, open_grippers
@@ -22,6 +24,7 @@ from unwrinkle.models.robot import Cell
 from unwrinkle.models.site import Site
 from unwrinkle.perception.head import StereoHead
 from unwrinkle.systems.controller_driver import ControllerDriverSystem
+from unwrinkle.systems.depth_camera_driver import DepthCameraDriverSystem
 from unwrinkle.systems.device_clock import own_time
 from unwrinkle.systems.gripper_driver import GripperDriverSystem
 from unwrinkle.systems.pair_camera import PairCameraSystem
@@ -32,35 +35,31 @@ Array = NDArray[np.float64]
 #: The devices are polled with this period while they get ready, s.
 _POLL = 0.01
 
+#: Takes a frame of a depth camera: (h, w) uint16, mm, 0 where there is none.
+Grab = Callable[[], NDArray[np.uint16]]
+
 
 class Equipment:
     """A site's devices, opened; `close` them after use.
 
     Attributes:
         driver: of the controller, in a process of its own.
-        grippers, units, camera: polled by the station.
+        grippers, camera: polled by the station.
+        units: of the head, left and right; none where a depth camera sees.
     """
 
-    def __init__(self, cell: Cell, site: Site, head: StereoHead, log: RunLog | None) -> None:
+    def __init__(
+        self, cell: Cell, site: Site, head: StereoHead, log: RunLog | None, grab: Grab
+    ) -> None:
         """Open everything, and wait until it is ready; nothing moves.
 
         Raises:
             InputError: the site lacks what a station needs.
             HardwareError: a device does not get ready.
         """
-        lacking = [
-            key
-            for key, value in (
-                ("pan_tilt.left", site.pan_tilt.left),
-                ("pan_tilt.right", site.pan_tilt.right),
-                ("cameras.kind", site.cameras.kind.replace("none", "")),
-                ("grippers.kind", site.grippers.kind.replace("none", "")),
-            )
-            if not value
-        ]
-        if lacking:
-            raise InputError(f"site {site.name}: the closed loop needs {', '.join(lacking)}")
-        self._opened: list[PairCamera | DriverProcess | Grippers] = []
+        stereo = cell.scenario.sensor.kind == "stereo"
+        _check_complete(site, stereo=stereo)
+        self._opened: list[PairCamera | OpenNi2Camera | DriverProcess | Grippers] = []
         self._lines = []
         limits = cell.with_speed(1.0).limits
         self.driver = DriverProcess(
@@ -74,13 +73,16 @@ class Equipment:
             self.driver.start()
             self.grippers: Grippers = open_grippers(site.grippers, self.driver)
             self._opened.append(self.grippers)
-            self.units = []
-            for eye, device in ((head.left, site.pan_tilt.left), (head.right, site.pan_tilt.right)):
+            self.units: list[PanTiltDriver] = []
+            eyes = ((head.left, site.pan_tilt.left), (head.right, site.pan_tilt.right))
+            for eye, device in eyes if stereo else ():
                 line = open_serial(device, site.pan_tilt.baud)
                 self._lines.append(line)
                 name = f"{eye.name} pan-tilt unit ({device})"
                 self.units.append(PanTiltDriver(line, site.pan_tilt, eye.unit.step, name))
-            self.camera = open_cameras(site.cameras)
+            self.camera: PairCamera | OpenNi2Camera = (
+                open_cameras(site.cameras) if stereo else OpenNi2Camera(site.cameras, grab)
+            )
             self._opened.append(self.camera)
             self._get_ready(site)
         except BaseException:
@@ -154,31 +156,26 @@ class HardwareStation(Diagram):
                 open_first=True,
             )
         )
-        heads = builder.AddSystem(
-            PanTiltDriverSystem(*equipment.units, period=period, clock=own_time)
+        head_command, head_position, cameras = _add_eyes(
+            builder,
+            cell,
+            equipment,
+            driver.GetOutputPort("position"),
+            driver.GetOutputPort("velocity"),
         )
-        cameras = builder.AddSystem(
-            PairCameraSystem(equipment.camera, period=period, clock=own_time)
-        )
-        for source, target in (
-            (heads.GetOutputPort("status"), cameras.GetInputPort("head")),
-            (driver.GetOutputPort("position"), cameras.GetInputPort("position")),
-            (driver.GetOutputPort("velocity"), cameras.GetInputPort("velocity")),
-        ):
-            builder.Connect(source, target)
         for system, port, name in (
             (driver, "trajectory", "trajectory"),
             (grippers, "command", "gripper.command"),
-            (heads, "command", "head.command"),
             (driver, "speed_override", "speed_override"),
         ):
             builder.ExportInput(system.GetInputPort(port), name)
+        builder.ExportInput(head_command, "head.command")
+        builder.ExportOutput(head_position, "head.position_measured")
         for system, port, name in (
             (driver, "position", "joints.position_measured"),
             (driver, "velocity", "joints.velocity_measured"),
             (driver, "status", "controller.status"),
             (grippers, "status", "gripper.status"),
-            (heads, "position", "head.position_measured"),
             (cameras, "left_image", "head.left_image"),
             (cameras, "right_image", "head.right_image"),
             (cameras, "depth_image", "depth_camera.image"),
@@ -192,24 +189,85 @@ class HardwareStation(Diagram):
         self.equipment.close()
 
 
+def _check_complete(site: Site, *, stereo: bool) -> None:
+    """Refuse a site that lacks what the closed loop needs.
+
+    Raises:
+        InputError: with the keys that are missing, or the wrong kind of camera.
+    """
+    needed = {
+        "cameras.kind": site.cameras.kind.replace("none", ""),
+        "grippers.kind": site.grippers.kind.replace("none", ""),
+    }
+    if stereo:
+        needed |= {"pan_tilt.left": site.pan_tilt.left, "pan_tilt.right": site.pan_tilt.right}
+    lacking = sorted(key for key, value in needed.items() if not value)
+    if lacking:
+        raise InputError(f"site {site.name}: the closed loop needs {', '.join(lacking)}")
+    if not stereo and site.cameras.kind != "openni2":
+        raise InputError(
+            f"the scenario's sensor is a depth camera, but cameras.kind of site {site.name} is "
+            f"'{site.cameras.kind}'; give openni2, or use --sensor stereo"
+        )
+    if stereo and site.cameras.kind == "openni2":
+        raise InputError(
+            f"cameras.kind of site {site.name} is 'openni2', a depth camera, but the scenario's sensor is the "
+            "head; use --sensor xtion, or give cameras of the head"
+        )
+
+
+def _add_eyes(
+    builder: DiagramBuilder,
+    cell: Cell,
+    equipment: Equipment,
+    position: OutputPort,
+    velocity: OutputPort,
+) -> tuple[InputPort, OutputPort, PairCameraSystem | DepthCameraDriverSystem]:
+    """The head with its two cameras, or the depth camera.
+
+    Returns:
+        Where head commands go to, what says where the head stands, and the system with the three images.
+    """
+    period, camera = cell.scenario.station.feedback_period, equipment.camera
+    if isinstance(camera, OpenNi2Camera):
+        depth = builder.AddSystem(
+            DepthCameraDriverSystem(cell, camera, period=period, clock=own_time)
+        )
+        builder.Connect(velocity, depth.GetInputPort("velocity"))
+        return depth.GetInputPort("command"), depth.GetOutputPort("head_position"), depth
+    heads = builder.AddSystem(PanTiltDriverSystem(*equipment.units, period=period, clock=own_time))
+    pair = builder.AddSystem(PairCameraSystem(camera, period=period, clock=own_time))
+    for source, target in (
+        (heads.GetOutputPort("status"), "head"),
+        (position, "position"),
+        (velocity, "velocity"),
+    ):
+        builder.Connect(source, pair.GetInputPort(target))
+    return heads.GetInputPort("command"), heads.GetOutputPort("position"), pair
+
+
 def build_hardware_station(
-    cell: Cell, site: Site, *, head: StereoHead, log: RunLog | None = None
+    cell: Cell,
+    site: Site,
+    *,
+    head: StereoHead,
+    log: RunLog | None = None,
+    grab: Grab = grab_openni2,
 ) -> HardwareStation:
     """Open a site's devices and build the station, a diagram called "station"; nothing moves yet.
 
     Args:
-        cell: the robot in its cell; its sensor has to be the head.
+        cell: the robot in its cell; its scenario's sensor is the head, or a depth camera over the table.
         site: where the devices are.
-        head: as calibrated.
+        head: as calibrated; not needed by a depth camera.
         log: takes what is sent and measured.
+        grab: takes a frame of the depth camera.
 
     Raises:
-        InputError: the site lacks a device, or the scenario's sensor is a depth camera.
+        InputError: the site lacks a device, or its cameras are of another kind than the scenario's sensor.
         HardwareError: a device does not answer, or is not ready.
     """
-    if cell.scenario.sensor.kind != "stereo":
-        raise InputError("the hardware station sees with the head; use --sensor stereo")
-    equipment = Equipment(cell, site, head, log)
+    equipment = Equipment(cell, site, head, log, grab)
     try:
         return HardwareStation(cell, equipment)
     except BaseException:

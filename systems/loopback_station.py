@@ -62,7 +62,7 @@ class LoopbackEquipment:
         self, cell: Cell, site: Site, start: Array, head: StereoHead, log: RunLogger | None
     ) -> None:
         """Start the virtual controller, and connect the driver to it."""
-        self._head = head
+        self._head, self._log = head, log
         settings = cell.scenario.station
         limits = cell.with_speed(1.0).limits
         self.controller = VirtualController(
@@ -102,6 +102,7 @@ class LoopbackEquipment:
                 DigitalGrippers(site.grippers, self.driver),
                 world.cell.scenario.gripper.opening,
                 period=settings.feedback_period,
+                log=self._log,
             )
         )
         assert self._units is not None

@@ -95,8 +95,15 @@ class Session:
                 self._finish(status, reason, clock, run)
                 raise
             reason = f"{interrupts.name}: {ending.reason}" if interrupts.name else ending.reason
+            self._log_result(ending.status, reason, run)
             self._finish(ending.status, reason, clock, run)
         return ending
+
+    def _log_result(self, status: str, reason: str, run: FlatteningRun) -> None:
+        if self.log is not None:
+            now = time.monotonic() if self.loop.real else run.station.time
+            with suppress(OSError):
+                self.log.event(now, "result", reason, outcome=status)
 
     def _finish(self, status: str, reason: str, clock: float, run: FlatteningRun) -> None:
         """Write how it ended; what cannot be written any more is only logged."""
@@ -145,7 +152,7 @@ def begin(
     outline = chosen.station.garment.outline
     path = _unused(Path("out") / f"flatten-{outline}-{seed}") if out is None else out
     RunFolder.check_free(path)
-    log = _log_of(chosen, path)
+    log = _log_of(chosen, path, site)
     try:
         loop = build_loop(chosen, seed=seed, site=site, log=log, approve=approve)
     except BaseException:
@@ -188,7 +195,7 @@ def go_on(
         memory = Memory.from_json(look.action().memory)
         if scenario.station.form != HARDWARE:
             state = ClothState.load(look.after_file)
-    log = _log_of(scenario, folder.path)
+    log = _log_of(scenario, folder.path, site)
     try:
         loop = build_loop(
             scenario,
@@ -207,12 +214,16 @@ def go_on(
     return Session(loop, folder, log)
 
 
-def _log_of(scenario: Scenario, path: Path) -> RunLog | None:
+def _log_of(scenario: Scenario, path: Path, site: Site | None) -> RunLog | None:
     """A new log in a run's folder, where there is a controller to speak of."""
     if scenario.station.form not in (LOOPBACK, HARDWARE):
         return None
     count = len(list(path.glob("controller-*.jsonl"))) if path.is_dir() else 0
-    header = {"program": "unwrinkle", "version": __version__, "station": scenario.station.form}
+    form = scenario.station.form
+    name = form if site is None else site.name
+    header: dict[str, Any] = {"version": __version__, "station": form, "site": name}
+    if form == LOOPBACK:
+        header["clock"] = 0.0  # its times are the simulation's
     return RunLog.create(path / f"controller-{count + 1}.jsonl", header)
 
 

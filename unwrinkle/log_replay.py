@@ -88,13 +88,13 @@ def _openings(events: tuple[LogEvent, ...], times: Array, cell: Cell) -> Array:
     result = np.full((len(times), 2), opening)
     value = np.full(2, opening)
     commands = [e for e in events if e.kind == "gripper" and _closed(e) is not None]
-    for event, following in zip(commands, [*commands[1:], None], strict=True):
+    for index, event in enumerate(commands):
         goal = np.where(np.array(_closed(event)), 0.0, opening)
         later = times >= event.time
         way = speed * np.maximum(times[later] - event.time, 0.0)[:, None]
         result[later] = value + np.clip(goal - value, -way, way)
-        if following is not None:
-            room = speed * (following.time - event.time)
+        if index + 1 < len(commands):
+            room = speed * (commands[index + 1].time - event.time)
             value = value + np.clip(goal - value, -room, room)
     return result
 
@@ -190,7 +190,7 @@ def _panel(records: RunLogRecords, track: MeasuredTrack, heading: str) -> str:
     if records.cut:
         facts.append("the log was cut short: its program ended without closing it")
     rows = [
-        f"<tr><td style='text-align:right'>{event.time - track.begin:.2f} s</td><td>{escape(event.kind)}</td>"
+        f"<tr><td style='text-align:right;white-space:nowrap'>{event.time - track.begin:.2f} s</td><td>{escape(event.kind)}</td>"
         f"<td>{escape(event.text)}</td></tr>"
         for event in records.events[-_MOST_EVENTS:]
     ]
