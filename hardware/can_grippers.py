@@ -1,5 +1,6 @@
 """The CloPeMa grippers of 2014 on a CAN bus: stepper motors that report their position."""
 
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from unwrinkle.hardware.grippers import READ_PERIOD, SIDES, GripperPair
@@ -23,6 +24,21 @@ _CLOTH = 30
 #: A gripper that has not said its position for this long is not known to stand anywhere, s.
 _STALE = 0.5
 _MOST_FRAMES = 512
+
+
+@dataclass(frozen=True)
+class LimbReport:
+    """What one gripper says of itself.
+
+    Attributes:
+        closure: 0 open, 1 closed.
+        calibrated: whether it knows where it stands.
+        moving: whether its blades move.
+    """
+
+    closure: float
+    calibrated: bool
+    moving: bool
 
 
 class CanMessage(Protocol):
@@ -95,6 +111,21 @@ class CanGrippers(GripperPair):
         self._next_ask = 0.0
         self._now = 0.0
         self._heard: list[tuple[int, int, float] | None] = [None, None]
+
+    @property
+    def limbs(self) -> tuple[LimbReport | None, LimbReport | None]:
+        """What the right and the left gripper said lately; None for one that said nothing."""
+        right, left = (self._limb(index) for index in range(2))
+        return right, left
+
+    def _limb(self, index: int) -> LimbReport | None:
+        known = self._known(index)
+        if known is None:
+            return None
+        position, bits = known
+        return LimbReport(
+            position / FULL, bool(bits & CALIBRATED), bool(bits & (OPENING | CLOSING))
+        )
 
     def close(self) -> None:
         """Close the bus; the grippers stay as they are."""

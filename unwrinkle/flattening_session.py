@@ -3,6 +3,7 @@
 import dataclasses as dc
 import logging
 import time
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -71,8 +72,14 @@ class Session:
     folder: RunFolder
     log: RunLog | None = None
 
-    def run(self, watchers: tuple[Watcher, ...] = ()) -> Ending:
+    def run(
+        self, watchers: tuple[Watcher, ...] = (), left: Callable[[], bool] = lambda: False
+    ) -> Ending:
         """Run to the end, and finish the folder and its report.
+
+        Args:
+            watchers: are told of every period.
+            left: whether nobody watches any more; a run that moves a robot then ends as if it was interrupted.
 
         A SIGINT or SIGTERM ends the run with the arms at rest. Whatever happens, the station's devices are closed.
 
@@ -87,7 +94,7 @@ class Session:
             at_end.callback(self.loop.close)
             run = FlatteningRun(self.loop, (recorder, *watchers))
             try:
-                ending = run.run(interrupts)
+                ending = run.run(lambda: interrupts() or (self.loop.real and left()))
             except BaseException as error:
                 status, reason = failure(error)
                 if isinstance(error, KeyboardInterrupt):

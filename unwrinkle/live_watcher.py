@@ -16,19 +16,28 @@ _STILL = (states.PERCEIVE, states.DECIDE, states.PLAN, states.CONFIRM)
 
 
 class LiveWatcher:
-    """A watcher that shows robot, cloth, pictures, wrinkles and the plan."""
+    """A watcher that shows robot, cloth, pictures, wrinkles and the plan.
+
+    Attributes:
+        closed: whether the page was open in a browser, and is no more.
+    """
 
     def __init__(self, loop: Loop, meshcat: Any) -> None:
         """Send the cell to a Meshcat."""
         triangles = None if loop.cloth is None else loop.cloth.triangles
         self._view = LiveView(loop.cell, meshcat, triangles)
         self._periods = 0
+        self._meshcat, self._opened = meshcat, False
+        self.closed = False
 
     def update(
         self, before: Situation, now: Situation, station: StationView, seconds: Seconds
     ) -> None:
         """Show what is new; see `flattening_run.Watcher`."""
         self._periods += 1
+        viewers = int(self._meshcat.GetNumActiveConnections())
+        self._opened |= viewers > 0
+        self.closed = self._opened and viewers == 0
         moving = now.mode not in _STILL and self._periods % FRAME_PERIODS == 0
         if moving or now.mode != before.mode:
             self._view.update(

@@ -1,25 +1,25 @@
-"""Every device of a site asked whether it is there and well; nothing is moved, and nothing is sent that could move anything."""
+"""Every device of a site asked whether it is there and well; nothing is sent that could move anything.
+
+The cameras take one picture: a DSLR's shutter is all that moves.
+"""
 
 import datetime
-import shutil
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from importlib.util import find_spec
-from pathlib import Path
 
 import numpy as np
 
 from unwrinkle._preflight_site import check_calibration
-from unwrinkle._site_controller import ControllerFacts, listen, problem_of, reach
-from unwrinkle.hardware.pan_tilt import FAULT, READY, PanTiltDriver
-from unwrinkle.hardware.serial_port import open_serial
-from unwrinkle.models.errors import HardwareError, InputError, UnwrinkleError
+from unwrinkle._site_controller import ControllerFacts, listen, problem_of, reach, read_inputs
+from unwrinkle._site_devices import check_cameras, check_can_grippers, check_unit, exposure_time
+from unwrinkle.models.errors import HardwareError, UnwrinkleError
 from unwrinkle.models.limits import Limits
-from unwrinkle.models.site import CameraSite, PanTiltSite, Site
-
-_POLL = 0.01
+from unwrinkle.models.scenario import resolve
+from unwrinkle.models.site import Site
+from unwrinkle.perception.head import StereoHead
+from unwrinkle.perception.head_file import load_calibration
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,7 @@ def check_site(
     today: datetime.date | None = None,
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
+    tell: Callable[[str], None] = lambda text: None,
 ) -> tuple[DeviceRow, ...]:
     """Ask every device of a site.
 
@@ -53,19 +54,38 @@ def check_site(
         today: for the calibration's age.
         clock: monotonic, s.
         sleep: waits for a time, s.
+        tell: is told what is being asked, and for how long at most where that may be long.
 
     Returns:
         A row per device; what is missing is a value, not an exception.
     """
     day = datetime.date.today() if today is None else today
+    tell("the controller")
     rows = _controller_rows(site, limits, clock)
-    for name, device in (("left", site.pan_tilt.left), ("right", site.pan_tilt.right)):
-        label = f"{name} pan-tilt unit"
-        rows.append(_row(label, partial(_unit, device, site.pan_tilt, label, clock, sleep)))
-    rows.append(_row("cameras", lambda: _cameras(site.cameras)))
-    rows.append(_row("grippers", lambda: _grippers(site)))
+    head = _calibrated(site, limits)
+    for eye, device in (("left", site.pan_tilt.left), ("right", site.pan_tilt.right)):
+        label = f"{eye} pan-tilt unit"
+        tell(f"the {label}")
+        ask = partial(check_unit, device, site.pan_tilt, eye, head, clock, sleep)
+        rows.append(_row(label, ask))
+    most = f", for at most {exposure_time(site.cameras):.0f} s"
+    watch = "; release them now" if site.cameras.kind == "watch" else ""
+    tell("the cameras" + ("" if site.cameras.kind == "none" else most + watch))
+    rows.append(_row("cameras", lambda: check_cameras(site.cameras, head)))
+    tell("the grippers")
+    rows.append(_row("grippers", lambda: _grippers(site, clock, sleep)))
     rows.append(_row("calibration", lambda: check_calibration(site, day)))
     return tuple(rows)
+
+
+def _calibrated(site: Site, limits: Limits) -> StereoHead | None:
+    """The head as calibrated; None without a calibration that can be read, which has a row of its own."""
+    if not site.calibration:
+        return None
+    try:
+        return load_calibration(resolve(site.calibration)).stereo_head(limits.head)
+    except UnwrinkleError:
+        return None
 
 
 def _row(name: str, ask: Callable[[], str]) -> DeviceRow:
@@ -132,64 +152,12 @@ def _positions(site: Site, limits: Limits, facts: ControllerFacts) -> str:
     return "within limits: " + " ".join(f"{np.degrees(value):.1f}" for value in q) + " deg"
 
 
-def _unit(
-    device: str,
-    site: PanTiltSite,
-    name: str,
-    clock: Callable[[], float],
-    sleep: Callable[[float], None],
-) -> str:
-    if not device:
-        return "this site has none"
-    port = open_serial(device, site.baud)
-    try:
-        driver = PanTiltDriver(port, site, None, f"{name} ({device})")
-        end = clock() + 12.0 * site.reply_timeout
-        while driver.status.state not in (READY, FAULT) and clock() < end:
-            driver.poll(clock())
-            sleep(_POLL)
-        status = driver.status
-        if status.state != READY:
-            raise HardwareError(status.reason or f"{name} ({device}) did not answer; is it on?")
-        arc = [np.degrees(step) * 3600.0 for step in driver.steps]
-        return (
-            f"{device}: stands at {np.degrees(status.pan):.2f}, {np.degrees(status.tilt):.2f} deg; a position is "
-            f"{arc[0]:.1f}, {arc[1]:.1f} seconds of arc"
-        )
-    finally:
-        port.close()
-
-
-def _cameras(site: CameraSite) -> str:
-    if site.kind == "none":
-        return "this site has none"
-    if site.kind in ("folder", "watch"):
-        folder = Path(site.folder)
-        if not folder.is_dir():
-            raise InputError(f"cameras.folder {site.folder or '(empty)'} is no folder; make it")
-        pairs = len(list(folder.glob("left*.png")))
-        if site.kind == "folder" and not pairs:
-            raise InputError(f"{folder} holds no left*.png; put pairs left*.png, right*.png there")
-        return f"{site.kind} {folder}: {pairs} pictures of the left eye"
-    if site.kind == "gphoto2":
-        if find_spec("gphoto2") is None and shutil.which("gphoto2") is None:
-            raise HardwareError("gphoto2 is not installed; pip install 'unwrinkle[gphoto2]'")
-        return "gphoto2 is installed; `unwrinkle render` or a first look shows whether the cameras answer"
-    if site.kind == "openni2" and find_spec("openni") is None:
-        raise HardwareError("the package openni is not installed; pip install openni")
-    return f"{site.kind}: its software is installed; no picture was taken"
-
-
-def _grippers(site: Site) -> str:
+def _grippers(site: Site, clock: Callable[[], float], sleep: Callable[[float], None]) -> str:
     g = site.grippers
     if g.kind == "none":
         return "this site has none"
     if g.kind == "can":
-        if find_spec("can") is None:
-            raise HardwareError("python-can is not installed; pip install 'unwrinkle[can]'")
-        return f"python-can is installed; {g.interface} {g.channel} was not opened"
-    from unwrinkle._site_controller import read_inputs
-
+        return check_can_grippers(g, clock, sleep)
     addresses = sorted({a for a in (*g.closed_input, *g.holding_input) if a} | set(g.close_output))
     values = read_inputs(site.controller, addresses)
     silent = [address for address, value in values.items() if value is None]

@@ -2,6 +2,7 @@
 
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from unwrinkle.board import picture_board
 from unwrinkle.live_view import LiveView, shaded
+from unwrinkle.live_watcher import LiveWatcher
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import FlatteningPlan
@@ -132,3 +134,16 @@ def test_large_pictures_become_small_boards(tmp_path: Path) -> None:
     text = board.source().in_memory().mesh_file.contents()
     assert b"data:image/jpeg;base64," in text
     assert len(text) < 500_000
+
+
+def test_a_page_that_was_closed_is_noticed(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
+    viewers = iter([0, 0, 1, 1, 0, 0])
+    browser = SimpleNamespace(GetNumActiveConnections=lambda: next(viewers))
+    still = SimpleNamespace(mode="perceive")
+    monkeypatch.setattr("unwrinkle.live_watcher.LiveView", lambda *args: None)
+    watcher = LiveWatcher(SimpleNamespace(cell=cell, cloth=None), browser)  # type: ignore[arg-type]
+    closed = []
+    for _ in range(6):
+        watcher.update(still, still, None, None)  # type: ignore[arg-type]
+        closed.append(watcher.closed)
+    assert closed == [False, False, False, False, True, True]

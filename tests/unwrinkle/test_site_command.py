@@ -144,7 +144,7 @@ def test_what_is_not_installed_or_missing(
     rows = rows_of(site, cell)
     assert bad(rows) == ["left pan-tilt unit", "cameras", "grippers", "calibration"]
     assert "ttyNone" in rows["left pan-tilt unit"].text
-    assert "is no folder" in rows["cameras"].text
+    assert "there is no folder" in rows["cameras"].text
     assert "the addresses 99" in rows["grippers"].text
 
 

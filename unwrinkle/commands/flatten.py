@@ -12,10 +12,10 @@ from unwrinkle.models.errors import InputError
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from unwrinkle.confirmation import Confirmation
     from unwrinkle.flattening_run import Ending
     from unwrinkle.flattening_session import Session
     from unwrinkle.models.site import Site
-    from unwrinkle.systems.plan_verification import Approve
 
 #: Exit codes beside 0 (flat) and 2 (bad input): an honest stop, a fault, an interrupt.
 EXIT_CODES = {"flat": 0, "stopped": 3, "fault": 1, "interrupted": 130}
@@ -96,6 +96,8 @@ def flatten(
     else:
         with console.status("preparing the cell and the garment"):
             session = begin(choices, scenario, out, site=where, approve=approve)
+    if approve is not None:
+        approve.preview = session.folder.path / "preview.html", session.loop.cell
     console.print(f"run {session.folder.path}", highlight=False, soft_wrap=True)
     live = (sys.stdout.isatty() if live is None else live) or port is not None
     ending = _run(session, console, live=live, port=port)
@@ -105,7 +107,7 @@ def flatten(
 
 def _devices(
     site: str | None, go: bool, console: "Console"
-) -> tuple["Site | None", "Approve | None"]:
+) -> tuple["Site | None", "Confirmation | None"]:
     """The site, and who is asked about each plan."""
     from unwrinkle.confirmation import Confirmation
     from unwrinkle.sites import find_site
@@ -115,10 +117,10 @@ def _devices(
 
 def _run(session: "Session", console: "Console", *, live: bool, port: int | None) -> "Ending":
     from unwrinkle.flattening_progress import Progress
+    from unwrinkle.live_watcher import LiveWatcher
 
-    watchers = []
+    watchers: list[LiveWatcher] = []
     if live:
-        from unwrinkle.live_watcher import LiveWatcher
         from unwrinkle.scene import start_meshcat
 
         meshcat = start_meshcat(port=port)
@@ -129,7 +131,7 @@ def _run(session: "Session", console: "Console", *, live: bool, port: int | None
             lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True),
             status.update,
         )
-        return session.run((progress, *watchers))
+        return session.run((progress, *watchers), lambda: any(w.closed for w in watchers))
 
 
 def _say_ending(console: "Console", session: "Session", ending: "Ending") -> None:

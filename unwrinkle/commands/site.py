@@ -31,8 +31,10 @@ def check(
     from unwrinkle.sites import find_site, site_cell
 
     found = find_site(name)
-    rows = check_site(found, site_cell(found).limits)
+    limits = site_cell(found).limits
     console = Console()
+    with console.status("") as status:
+        rows = check_site(found, limits, tell=lambda text: status.update(f"asking {text}"))
     if not console.is_terminal:
         console.width = _WIDTH
     table = Table(title=f"Site {found.name}", title_justify="left", box=box.SIMPLE)
