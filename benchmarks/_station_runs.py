@@ -1,6 +1,6 @@
-"""One plan run on a station of any simulated form, by hand: its segments and strokes one after the other."""
+"""One plan run on a station of any simulated form, by hand; and the closed loop, period by period."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,13 +9,18 @@ from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 
-from unwrinkle.flattening_run import FlatteningRun
-from unwrinkle.flattening_setup import build_loop
+from unwrinkle.hardware.run_log import RunLog
 from unwrinkle.models.errors import UnwrinkleError
+from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import Scenario
+from unwrinkle.perception.head import StereoHead
+from unwrinkle.perception.head_file import nominal_calibration
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.simulation.cloth import Cloth, ClothState
+from unwrinkle.simulation.wrinkle_makers import start_state
 from unwrinkle.systems.execution import steps_of
+from unwrinkle.systems.flattening_diagram import build_flattening_diagram, situation
+from unwrinkle.systems.loopback_station import LoopbackStation, build_loopback_station
 from unwrinkle.systems.motion_log import Motion
 from unwrinkle.systems.ports import (
     FAULT,
@@ -25,7 +30,9 @@ from unwrinkle.systems.ports import (
     HeadCommand,
     TrajectoryCommand,
 )
-from unwrinkle.systems.simulated_world import SimulatedStation
+from unwrinkle.systems.sim_station import build_sim_station
+from unwrinkle.systems.simulated_world import SimulatedStation, simulated_cloth
+from unwrinkle.systems.supervisor_state import Situation, SupervisorSettings
 
 Array = NDArray[np.float64]
 
@@ -54,35 +61,80 @@ class StationRun:
     holding: bool
 
 
-class _Enough(Exception):
-    """The plan is known."""
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What a station is built of.
+
+    Attributes:
+        cell: the robot in its cell.
+        head: the true stereo head.
+        cloth: the garment's solver.
+        start: how it lies.
+        seed: of every random choice.
+    """
+
+    cell: Cell
+    head: StereoHead
+    cloth: Cloth
+    start: ClothState
+    seed: int
+
+    @classmethod
+    def of(cls, scenario: Scenario, seed: int) -> "Setting":
+        """Of a scenario."""
+        cell = load_cell(scenario)
+        cloth = simulated_cloth(cell)
+        x, y = scenario.garment_centre
+        start = start_state(cloth, scenario.station.garment.start, (x, y), seed)
+        return cls(cell, nominal_calibration().stereo_head(cell.limits.head), cloth, start, seed)
+
+    def sim(self) -> SimulatedStation:
+        """A fresh simulated station."""
+        return build_sim_station(self.cell, self.cloth, self.start, head=self.head, seed=self.seed)
+
+    def loopback(self, log: RunLog | None = None) -> LoopbackStation:
+        """A fresh loopback station; close it."""
+        return build_loopback_station(
+            self.cell, self.cloth, self.start, head=self.head, seed=self.seed, log=log
+        )
+
+    def situations(
+        self, station: SimulatedStation, settings: SupervisorSettings | None = None
+    ) -> Iterator[tuple[Situation, ClothState]]:
+        """Run the closed loop on a station, and yield the supervisor's state and the cloth, period by period."""
+        diagram = build_flattening_diagram(
+            self.cell, station, self.head, settings=settings, seed=self.seed
+        )
+        simulator = Simulator(diagram)
+        context = simulator.get_mutable_context()
+        diagram.GetInputPort("interrupt").FixValue(context, [0.0])
+        truth = station.GetOutputPort("truth.cloth")
+        simulator.Initialize()
+        steps = 0
+        while not situation(diagram, context).over:
+            steps += 1
+            simulator.AdvanceTo(steps * _PERIOD)
+            yield (
+                situation(diagram, context),
+                truth.Eval(station.GetMyContextFromRoot(context)),
+            )
 
 
-class _FirstPlan:
-    """A watcher that waits for the first confirmed plan."""
-
-    plan: FlatteningPlan | None = None
-
-    def update(self, before: Any, now: Any, station: Any, seconds: Any) -> None:
-        planned = now.action.planned
-        if now.steps and planned is not None and planned.result is not None:
-            self.plan = planned.result.plan
-            raise _Enough
-
-
-def first_plan(scenario: Scenario, seed: int) -> FlatteningPlan:
-    """The first verified plan of a closed loop in simulation.
+def first_plan(setting: Setting) -> FlatteningPlan:
+    """The first verified plan of the closed loop in simulation.
 
     Raises:
         UnwrinkleError: the loop ends without one.
     """
-    watcher = _FirstPlan()
-    try:
-        ending = FlatteningRun(build_loop(scenario, seed=seed), (watcher,)).run()
-    except _Enough:
-        assert watcher.plan is not None
-        return watcher.plan
-    raise UnwrinkleError(f"seed {seed} gives no plan: {ending.reason}")
+    now = None
+    for now, _ in setting.situations(setting.sim()):
+        planned = now.action.planned
+        if now.steps and planned is not None and planned.result is not None:
+            assert planned.result.plan is not None
+            return planned.result.plan
+    raise UnwrinkleError(
+        f"seed {setting.seed} gives no plan: {now.reason if now is not None else 'it never began'}"
+    )
 
 
 def run_on_station(

@@ -10,21 +10,18 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
-from unwrinkle.benchmarks._station_runs import StationRun, first_plan, run_on_station
+from unwrinkle.benchmarks._station_runs import Setting, StationRun, first_plan, run_on_station
 from unwrinkle.benchmarks.report import Progress
-from unwrinkle.flattening_run import FlatteningRun
-from unwrinkle.flattening_setup import build_loop, simulated_cloth, with_choices
 from unwrinkle.hardware.run_log import RunLog
-from unwrinkle.hardware.run_log_reader import RunLogRecords, read_run_log
-from unwrinkle.models.robot import Cell, load_cell
-from unwrinkle.models.scenario import Scenario, load_scenario
-from unwrinkle.motion_check import check_motion
-from unwrinkle.perception.head_file import nominal_calibration
+from unwrinkle.hardware.run_log_reader import read_run_log
+from unwrinkle.models.robot import Cell
+from unwrinkle.models.scenario import load_scenario
+from unwrinkle.models.site import loopback_site
+from unwrinkle.perception.warm_up import ensure_compiled
+from unwrinkle.planning.execution import MeasuredSegment, check_execution
 from unwrinkle.planning.plan import FlatteningPlan
-from unwrinkle.run_records import MotionRecord, SegmentMark
-from unwrinkle.simulation.wrinkle_makers import start_state
-from unwrinkle.systems.loopback_station import build_loopback_station
-from unwrinkle.systems.sim_station import build_sim_station
+from unwrinkle.simulation.cloth_measures import coverage, largest_height
+from unwrinkle.systems.supervisor_state import SupervisorSettings
 
 Array = NDArray[np.float64]
 
@@ -35,50 +32,47 @@ _LATER = 0.204
 
 
 def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
-    """Run the first plan of the default towel in each form; smaller pictures if quick."""
-    scenario = with_choices(load_scenario(), scale=0.25 if quick else None)
-    progress(0, 6, "plan")
-    plan = first_plan(scenario, seed)
-    runs: dict[str, StationRun] = {}
-    checks: dict[str, dict[str, Any]] = {}
-    records = None
+    """Run the first plan of the default towel in each form; smaller pictures and no closed loop if quick."""
+    scenario = load_scenario()
+    if quick:
+        scenario.sensor.scale = 0.25
+    ensure_compiled()
+    setting = Setting.of(scenario, seed)
+    parts = 6
+    progress(0, parts, "plan")
+    plan = first_plan(setting)
+    progress(1, parts, "sim")
+    sim = run_on_station(setting.sim(), setting.cloth, plan)
     with tempfile.TemporaryDirectory() as folder:
-        for done, form in enumerate(("sim", "loopback"), start=1):
-            progress(done, 6, form)
-            path = Path(folder) / f"{form}.jsonl"
-            runs[form], cell = _executed(with_choices(scenario, station=form), seed, plan, path)
-            checks[form] = _against_plan(runs[form], plan, cell)
+        path = Path(folder) / "log.jsonl"
+        progress(2, parts, "loopback")
+        loopback = _through_drivers(setting, plan, path)
         records = read_run_log(path)
-        loopback = _differences(runs["sim"], runs["loopback"])
-        progress(3, 6, "loopback in phase")
-        phases = _phases(runs["sim"], loopback["lags"], scenario.station.cloth_step)
-        in_phase, _ = _executed(
-            with_choices(scenario, station="loopback"),
-            seed,
-            plan,
-            path.with_stem("in-phase"),
-            phases,
-        )
-    progress(4, 6, "sim later")
-    late, _ = _executed(scenario, seed, plan, path, {"approach": (1.0, _LATER)})
-    true = runs["sim"].cloth
-    progress(5, 6, "closed loop")
-    loop = None if quick else _closed_loop(with_choices(scenario, station="loopback"), seed)
+        differences = _differences(sim, loopback)
+        progress(3, parts, "loopback in phase")
+        phases = _phases(sim, differences["lags"], scenario.station.cloth_step)
+        in_phase = _through_drivers(setting, plan, path.with_stem("in-phase"), phases)
+    progress(4, parts, "sim later")
+    late = run_on_station(setting.sim(), setting.cloth, plan, {"approach": (1.0, _LATER)})
+    progress(5, parts, "closed loop")
     return {
         "seed": seed,
         "plan": plan.content_hash[:12],
-        "axes": list(cell.robot.axes),
+        "axes": list(setting.cell.robot.axes),
         "duration": plan.motion_time,
-        "against_plan": checks,
-        "loopback": loopback,
-        "log": _log_differences(runs["sim"], runs["loopback"], records),
-        "cloth": {
-            "in_phase": _distances(true, in_phase.cloth),
-            "loopback": _distances(true, runs["loopback"].cloth),
-            "sim_later": _distances(true, late.cloth),
+        "against_plan": {
+            "sim": _against_plan(sim, plan, setting.cell, dict.fromkeys(sim.names, 0.0)),
+            "loopback": _against_plan(loopback, plan, setting.cell, differences["lags"]),
         },
-        "closed_loop": loop,
-        "held": bool(runs["sim"].holding and runs["loopback"].holding),
+        "loopback": differences,
+        "log": _apart(sim, loopback, records.measured.times, records.measured.positions),
+        "cloth": {
+            "in_phase": _distances(sim.cloth, in_phase.cloth),
+            "loopback": _distances(sim.cloth, loopback.cloth),
+            "sim_later": _distances(sim.cloth, late.cloth),
+        },
+        "closed_loop": None if quick else _closed_loop(setting),
+        "held": bool(sim.holding and loopback.holding),
         "records": len(records.measured.times),
         "points": len(records.commanded.times),
     }
@@ -128,19 +122,21 @@ def table(results: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _closed_loop(scenario: Scenario, seed: int) -> dict[str, Any]:
+def _closed_loop(setting: Setting) -> dict[str, Any]:
     """The default towel, flattened through the drivers."""
     clock = time.perf_counter()
-    loop = build_loop(scenario, seed=seed)
+    station = setting.loopback()
     try:
-        run = FlatteningRun(loop)
-        ending = run.run()
-        truth = run.station.truth() or {}
+        *_, (now, state) = setting.situations(station, SupervisorSettings.of_site(loopback_site()))
     finally:
-        loop.close()
-    seconds = time.perf_counter() - clock
-    actions = ending.situation.memory.actions
-    return {"status": ending.status, "actions": actions, "seconds": seconds, **truth}
+        station.close()
+    return {
+        "status": now.status,
+        "actions": now.memory.actions,
+        "seconds": time.perf_counter() - clock,
+        "height": float(largest_height(setting.cloth, state)),
+        "coverage": float(coverage(setting.cloth, state)),
+    }
 
 
 def _loop_rows(loop: dict[str, Any] | None) -> list[str]:
@@ -174,47 +170,43 @@ def _phases(
     }
 
 
-def _executed(
-    scenario: Scenario,
-    seed: int,
+def _through_drivers(
+    setting: Setting,
     plan: FlatteningPlan,
     path: Path,
     phases: dict[str, tuple[float, float]] | None = None,
-) -> tuple[StationRun, Cell]:
-    """Run the plan on a station of its own."""
-    cell = load_cell(scenario)
-    head = nominal_calibration().stereo_head(cell.limits.head)
-    cloth = simulated_cloth(cell)
-    x, y = scenario.garment_centre
-    state = start_state(cloth, scenario.station.garment.start, (x, y), seed)
-    if scenario.station.form == "sim":
-        station = build_sim_station(cell, cloth, state, head=head, seed=seed)
-        return run_on_station(station, cloth, plan, phases), cell
-    log = RunLog.create(path, {"plan": plan.content_hash, "station": scenario.station.form})
-    virtual = build_loopback_station(cell, cloth, state, head=head, seed=seed, log=log)
-    try:
-        return run_on_station(virtual, cloth, plan, phases), cell
-    finally:
-        virtual.close()
-        log.close()
+) -> StationRun:
+    """Run the plan on a loopback station, with a log."""
+    with RunLog.create(path, {"plan": plan.content_hash, "station": "loopback"}) as log:
+        station = setting.loopback(log)
+        try:
+            return run_on_station(station, setting.cloth, plan, phases)
+        finally:
+            station.close()
 
 
-def _against_plan(run: StationRun, plan: FlatteningPlan, cell: Cell) -> dict[str, Any]:
-    motion = run.motion
-    marks = tuple(
-        SegmentMark(name, begin, end)
-        for name, (begin, end) in zip(run.names, run.spans, strict=True)
-    )
-    record = MotionRecord(
-        motion.times,
-        motion.measured,
-        motion.velocities,
-        motion.reference,
-        motion.openings,
-        marks,
-    )
-    check = check_motion(record, plan, cell)
-    assert check is not None
+def _against_plan(
+    run: StationRun, plan: FlatteningPlan, cell: Cell, lags: dict[str, float]
+) -> dict[str, Any]:
+    """Compare a run with the plan; `lags` are from the command to the motion, s."""
+    motion, measured = run.motion, []
+    for segment, (begin, end) in zip(plan.segments, run.spans, strict=True):
+        begin += max(lags[segment.name], 0.0)
+        inside = (motion.times >= begin) & (motion.times <= end)
+        inside[1:] &= np.diff(motion.times) > 0.0
+        times = motion.times[inside] - begin
+        since = np.clip(times, 0.0, segment.trajectory.duration)
+        measured.append(
+            MeasuredSegment(
+                segment.name,
+                times,
+                motion.measured[inside],
+                motion.velocities[inside],
+                segment.trajectory.interpolant()(since),
+                motion.openings[inside],
+            )
+        )
+    check = check_execution(plan, cell, measured)
     return {
         "error": check.error_after_lag,
         "grip_distance_error": check.grip_distance_error,
@@ -225,11 +217,6 @@ def _against_plan(run: StationRun, plan: FlatteningPlan, cell: Cell) -> dict[str
 def _differences(sim: StationRun, other: StationRun) -> dict[str, Any]:
     """Segment by segment, once the lag is taken out that leaves the least."""
     return _apart(sim, other, other.motion.times, other.motion.measured)
-
-
-def _log_differences(sim: StationRun, other: StationRun, records: RunLogRecords) -> dict[str, Any]:
-    """The same for the feedback that was logged."""
-    return _apart(sim, other, records.measured.times, records.measured.positions)
 
 
 def _apart(sim: StationRun, other: StationRun, times: Array, measured: Array) -> dict[str, Any]:

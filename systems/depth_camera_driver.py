@@ -115,7 +115,12 @@ class DepthCameraDriverSystem(LeafSystem):
             return DepthImage(picture.number, None, now, reason)
         try:
             capture = Capture(
-                picture.depth, self._model.camera, X_WC=self._X_WC, name=self._model.name
+                picture.depth,
+                self._model.camera,
+                picture.colour,
+                colour_registered=picture.colour is not None,
+                X_WC=self._X_WC,
+                name=self._model.name,
             )
         except InputError as error:  # another size than the model's, or too little depth
             return DepthImage(picture.number, None, now, str(error))

@@ -5,13 +5,12 @@ trajectories are streamed whatever the rest of the diagram computes. The diagram
 """
 
 import time
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort
 
-from unwrinkle.hardware.camera_openni import OpenNi2Camera, grab_openni2
+from unwrinkle.hardware.camera_openni import Grab, OpenNi2Camera, grab_openni2
 from unwrinkle.hardware.cameras import PairCamera, open_cameras
 from unwrinkle.hardware.driver_process import DriverProcess
 from unwrinkle.hardware.grippers import Grippers, open_grippers
@@ -34,9 +33,6 @@ Array = NDArray[np.float64]
 
 #: The devices are polled with this period while they get ready, s.
 _POLL = 0.01
-
-#: Takes a frame of a depth camera: (h, w) uint16, mm, 0 where there is none.
-Grab = Callable[[], NDArray[np.uint16]]
 
 
 class Equipment:

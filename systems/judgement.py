@@ -35,10 +35,8 @@ THICKEST_LAYER = 0.003
 
 #: A garment with more than this share of its seen area beyond the table's edges is not worked on.
 MOST_BEYOND = 0.5
-
 #: A garment with more than this share of its outline along the table's edges hangs over them: not flat.
 MOST_ALONG_EDGE = 0.22
-
 #: Percentile of a ridge's crest that counts as its highest part.
 HIGHEST = 95.0
 

@@ -17,10 +17,12 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import Multiplexer, VectorLogSink
 
+from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.head import StereoHead
-from unwrinkle.simulation.cloth import Cloth, ClothState
+from unwrinkle.simulation.cloth import Cloth, ClothState, Support
+from unwrinkle.simulation.outlines import outline
 from unwrinkle.systems.arm_plant import (
     ArmPlant,
     ToolPoses,
@@ -181,6 +183,25 @@ class SimulatedStation(Diagram):
         q = plant.GetPositions(plant.CreateDefaultContext())
         q[arm.axes], q[arm.head] = start, angles
         plant.SetDefaultPositions(q)
+
+
+def simulated_cloth(cell: Cell) -> Cloth:
+    """The garment of the scenario on the cell's working table.
+
+    Raises:
+        InputError: an unknown outline or material, or a garment that is bigger than the table.
+    """
+    garment, table = cell.scenario.station.garment, cell.scenario.table
+    shape = outline(garment.outline, garment.nodes)
+    size = shape.spacing * (np.array(shape.mask.shape) - 1)
+    if np.any(size > np.array(table.size)):
+        raise InputError(
+            f"a {garment.outline} of {size[0]:.2f} x {size[1]:.2f} m is bigger than the table of "
+            f"{table.size[0]:.2f} x {table.size[1]:.2f} m; choose a smaller garment or another table"
+        )
+    x, y, height = (float(value) for value in cell.table_centre)
+    support = Support((x, y), (table.size[0], table.size[1]), height)
+    return Cloth(shape, load_material(garment.material), support)
 
 
 def start_posture(cell: Cell, cloth: Cloth, start: NDArray[np.floating] | None) -> Array:

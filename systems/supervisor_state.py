@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.site import Site
 from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.systems.judgement import Memory, Pull, Sight, Stop
 from unwrinkle.systems.ports import (
@@ -62,6 +63,20 @@ class SupervisorSettings:
     rest_speed: float = 2e-3
     replans: int = 2
     speed: float = 1.0
+
+    @classmethod
+    def of_site(cls, site: Site) -> SupervisorSettings:
+        """Deadlines that leave a site's devices the time that they may take."""
+        c, cameras = site.controller, site.cameras
+        look = cameras.attempts * cameras.timeout + site.pan_tilt.motion_timeout
+        return cls(
+            look=max(30.0, look + 5.0),
+            rest=2.0,
+            answer=1.0 + c.start_timeout + c.pause,
+            gripper=site.grippers.timeout + 2.0,
+            start=max(1e-3, c.start_tolerance),
+            speed=site.speed,
+        )
 
 
 @dataclass(frozen=True, eq=False)

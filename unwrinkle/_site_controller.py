@@ -160,8 +160,17 @@ def read_inputs(site: ControllerSite, addresses: Sequence[int]) -> dict[int, int
     """Read addresses of the controller's I/O; None where it refuses one.
 
     Raises:
-        HardwareError: nobody answers.
+        HardwareError: nobody answers, or another program drives the robot.
     """
+    lock = OwnerLock(site.host, site.motion_port)
+    lock.acquire()  # as in `reach`
+    try:
+        return _inputs(site, addresses)
+    finally:
+        lock.release()
+
+
+def _inputs(site: ControllerSite, addresses: Sequence[int]) -> dict[int, int | None]:
     name = "controller, I/O server"
     link = TcpLink.connect(site.host, site.io_port, site.connect_timeout, name)
     framer, values = Framer(), dict[int, int | None]()

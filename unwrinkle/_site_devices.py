@@ -161,8 +161,9 @@ def _depth_camera(site: CameraSite) -> str:
     height, width = picture.depth.shape
     known = picture.depth[np.isfinite(picture.depth)]
     when = datetime.fromtimestamp(picture.time).strftime("%H:%M:%S.%f")[:-3]
+    colour = "without colour" if picture.colour is None else "with colour"
     return (
-        f"openni2: a depth frame of {width} x {height} pixels at {when}, {known.size / picture.depth.size:.0%} of "
+        f"openni2: a depth frame of {width} x {height} pixels {colour} at {when}, {known.size / picture.depth.size:.0%} of "
         f"it from {known.min():.2f} to {known.max():.2f} m, median {np.median(known):.2f} m"
     )
 

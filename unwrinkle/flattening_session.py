@@ -154,7 +154,7 @@ def begin(
         InputError: bad input, or the folder holds a run already or cannot be written.
         HardwareError: a device of the station does not get ready.
     """
-    chosen = choices.applied(load_scenario(scenario))
+    chosen = choices.applied(load_scenario(_cell_of(site, scenario)))
     seed = choices.seed or 0
     outline = chosen.station.garment.outline
     path = _unused(Path("out") / f"flatten-{outline}-{seed}") if out is None else out
@@ -219,6 +219,22 @@ def go_on(
     folder.go_on()
     _save_cloth(folder, loop)
     return Session(loop, folder, log)
+
+
+def _cell_of(site: Site | None, scenario: Path | None) -> Path | None:
+    """The scenario's file: plans have to be proven in the cell that the site's robot stands in.
+
+    Raises:
+        InputError: the site names its cell, and another one was given.
+    """
+    if site is None or not site.scenario:
+        return scenario
+    own = Path(site.scenario)
+    if scenario is not None and scenario.resolve() != own.resolve():
+        raise InputError(
+            f"--scenario {scenario}: site {site.name} stands in the cell of {own}; leave --scenario out"
+        )
+    return own
 
 
 def _log_of(scenario: Scenario, path: Path, site: Site | None) -> RunLog | None:

@@ -6,13 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import yaml
 from pydrake.systems.framework import Diagram
 
 from unwrinkle._preflight_site import check_calibration
 from unwrinkle.hardware.run_log import RunLog
-from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import Scenario, resolve, with_sensor
@@ -20,8 +18,7 @@ from unwrinkle.models.site import Site, loopback_site
 from unwrinkle.perception.head import StereoHead
 from unwrinkle.perception.head_file import load_calibration, nominal_calibration
 from unwrinkle.perception.warm_up import ensure_compiled
-from unwrinkle.simulation.cloth import Cloth, ClothState, Support
-from unwrinkle.simulation.outlines import outline
+from unwrinkle.simulation.cloth import Cloth, ClothState
 from unwrinkle.simulation.wrinkle_makers import start_state
 from unwrinkle.systems.flattening_diagram import build_flattening_diagram
 from unwrinkle.systems.hardware_station import build_hardware_station
@@ -29,7 +26,11 @@ from unwrinkle.systems.judgement import Memory
 from unwrinkle.systems.loopback_station import build_loopback_station
 from unwrinkle.systems.plan_verification import Approve
 from unwrinkle.systems.sim_station import build_sim_station
-from unwrinkle.systems.simulated_world import SimulatedStation, StationFaults
+from unwrinkle.systems.simulated_world import (
+    SimulatedStation,
+    StationFaults,
+    simulated_cloth,
+)
 from unwrinkle.systems.supervisor_state import SupervisorSettings
 
 #: Forms of the station beside the plain simulation.
@@ -103,25 +104,6 @@ def scenario_text(scenario: Scenario, name: str = "Run") -> str:
     return yaml.safe_dump({name: dc.asdict(scenario)}, sort_keys=False)
 
 
-def simulated_cloth(cell: Cell) -> Cloth:
-    """The garment of the scenario on the cell's working table.
-
-    Raises:
-        InputError: an unknown outline or material, or a garment that is bigger than the table.
-    """
-    garment, table = cell.scenario.station.garment, cell.scenario.table
-    shape = outline(garment.outline, garment.nodes)
-    size = shape.spacing * (np.array(shape.mask.shape) - 1)
-    if np.any(size > np.array(table.size)):
-        raise InputError(
-            f"a {garment.outline} of {size[0]:.2f} x {size[1]:.2f} m is bigger than the table of "
-            f"{table.size[0]:.2f} x {table.size[1]:.2f} m; choose a smaller garment or another table"
-        )
-    x, y, height = (float(value) for value in cell.table_centre)
-    support = Support((x, y), (table.size[0], table.size[1]), height)
-    return Cloth(shape, load_material(garment.material), support)
-
-
 def build_loop(
     scenario: Scenario,
     *,
@@ -165,7 +147,7 @@ def build_loop(
     station: SimulatedStation
     if form == LOOPBACK:
         site = site or loopback_site()
-        settings = supervisor_settings(site)
+        settings = SupervisorSettings.of_site(site)
         station = build_loopback_station(
             cell, cloth, state, head=head, seed=seed, faults=faults, site=site, log=log
         )
@@ -176,20 +158,6 @@ def build_loop(
         cell, station, head, settings=settings, memory=memory, approve=approve, seed=seed
     )
     return Loop(cell, head, cloth, station, diagram, seed, close=close)
-
-
-def supervisor_settings(site: Site) -> SupervisorSettings:
-    """Deadlines that leave a site's devices the time that they may take."""
-    c, cameras = site.controller, site.cameras
-    look = cameras.attempts * cameras.timeout + site.pan_tilt.motion_timeout
-    return SupervisorSettings(
-        look=max(30.0, look + 5.0),
-        rest=2.0,
-        answer=1.0 + c.start_timeout + c.pause,
-        gripper=site.grippers.timeout + 2.0,
-        start=max(1e-3, c.start_tolerance),
-        speed=site.speed,
-    )
 
 
 def _on_hardware(
@@ -217,7 +185,8 @@ def _on_hardware(
             f"site {site.name} is being commissioned: run single plans with `unwrinkle execute` first; "
             "then set commissioning: false"
         )
-    check_calibration(site, datetime.date.today())
+    if scenario.sensor.kind == "stereo":
+        check_calibration(site, datetime.date.today())
     cell = load_cell(scenario)
     calibration = (
         load_calibration(resolve(site.calibration)) if site.calibration else nominal_calibration()
@@ -228,7 +197,7 @@ def _on_hardware(
         cell,
         station,
         head,
-        settings=supervisor_settings(site),
+        settings=SupervisorSettings.of_site(site),
         memory=memory,
         approve=approve,
         seed=seed,

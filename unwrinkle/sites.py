@@ -40,6 +40,7 @@ def find_site(name: str | Path) -> Site:
         site,
         scenario=_beside(folder, site.scenario),
         calibration=_beside(folder, site.calibration),
+        cameras=dc.replace(site.cameras, folder=_beside(folder, site.cameras.folder)),
     )
 
 

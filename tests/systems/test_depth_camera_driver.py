@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 
-from unwrinkle.hardware.camera_openni import OpenNi2Camera
+from unwrinkle.hardware.camera_openni import DepthFrame, OpenNi2Camera
 from unwrinkle.models.errors import HardwareError, InputError
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import load_scenario, with_sensor
@@ -29,7 +29,7 @@ from unwrinkle.systems.ports import (
 )
 from unwrinkle.virtual_equipment import VirtualEquipment
 
-Frame = NDArray[np.uint16]
+Frame = NDArray[Any]
 SITE = CameraSite("openni2", timeout=5.0, attempts=1)
 
 
@@ -44,17 +44,18 @@ class Table:
     def __init__(self) -> None:
         self.frame: Frame = np.full((480, 640), 1100, np.uint16)
         self.frame[200:220, 100:300] -= 20
+        self.colour: Frame | None = None
         self.problem = ""
         self.grabs = 0
         self.free = threading.Event()
         self.free.set()
 
-    def __call__(self) -> Frame:
+    def __call__(self) -> DepthFrame:
         self.grabs += 1
         assert self.free.wait(20.0)
         if self.problem:
             raise HardwareError(self.problem)
-        return self.frame
+        return DepthFrame(self.frame, self.colour)
 
 
 class Bench:
@@ -111,8 +112,12 @@ def test_one_exposure_for_one_command(depth_cell: Cell, table: Table) -> None:
     assert bench.system.GetOutputPort("depth_image").Eval(bench.context) is image
     eye = bench.system.GetOutputPort("left_image").Eval(bench.context)
     assert eye.number == 3 and eye.pixels is None and "not in use" in eye.reason
+    assert capture.colour is None
+    table.colour = np.full((480, 640, 3), 90, np.uint8)
     bench.look(4)
-    assert bench.image(4).capture is not None and table.grabs == 2
+    again = bench.image(4).capture
+    assert again is not None and again.colour is not None and again.colour_registered
+    assert table.grabs == 2
 
 
 def test_it_waits_for_the_arms_and_throws_away_what_they_spoil(

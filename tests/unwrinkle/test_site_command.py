@@ -126,7 +126,7 @@ def test_a_robot_in_use_is_left_alone(start: Callable[..., Running], cell: Cell)
         rows = rows_of(running.site, cell)
     finally:
         lock.release()
-    assert bad(rows) == ["controller motion", "controller I/O"]
+    assert bad(rows) == ["controller motion", "controller I/O", "grippers"]
     assert "another program" in rows["controller motion"].text
 
 

@@ -171,7 +171,10 @@ def test_a_depth_frame_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     camera = _site_devices.OpenNi2Camera
     monkeypatch.setattr(_site_devices, "OpenNi2Camera", lambda site: camera(site, lambda: frame))
     text = check_cameras(CameraSite("openni2", timeout=5.0))
-    assert "640 x 480 pixels" in text and "50% of it from 0.90 to 1.10 m, median 1.10 m" in text
+    assert (
+        "640 x 480 pixels without colour" in text
+        and "50% of it from 0.90 to 1.10 m, median 1.10 m" in text
+    )
 
 
 def test_an_exposure_has_an_end() -> None:

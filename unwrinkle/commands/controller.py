@@ -73,8 +73,11 @@ def controller(
         cloth=cloth,
         pan_tilt=pan_tilt,
     )
-    # A signal to end ends it as Ctrl-C does.
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # Ctrl-C ends it, also where a shell has it ignored in the background; so does a signal to end.
+    before = {
+        number: signal.signal(number, signal.default_int_handler)
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
     try:
         motion, state, io = equipment.server.ports
         say(
@@ -93,7 +96,8 @@ def controller(
     except KeyboardInterrupt:
         say("ended")
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
         equipment.close()
 
 
