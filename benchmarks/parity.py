@@ -12,6 +12,7 @@ from scipy.optimize import minimize_scalar
 
 from unwrinkle.benchmarks._station_runs import Setting, StationRun, first_plan, run_on_station
 from unwrinkle.benchmarks.report import Progress
+from unwrinkle.hardware.path_clock import PathClock, StreamLimits
 from unwrinkle.hardware.run_log import RunLog
 from unwrinkle.hardware.run_log_reader import read_run_log
 from unwrinkle.models.robot import Cell
@@ -29,6 +30,8 @@ Array = NDArray[np.float64]
 _MOST_LAG, _STEP = 2.5, 0.02
 #: When the simulation that is compared with itself begins, s; the others do at 0.2.
 _LATER = 0.204
+#: Holds are tried all over the plan, so far apart at full speed, s.
+_HOLDS = 0.1
 
 
 def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
@@ -71,6 +74,7 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
             "loopback": _distances(sim.cloth, loopback.cloth),
             "sim_later": _distances(sim.cloth, late.cloth),
         },
+        "stops": {f"{rate:g}": _stops(plan, setting.cell, rate) for rate in (1.0, 0.2)},
         "closed_loop": None if quick else _closed_loop(setting),
         "held": bool(sim.holding and loopback.holding),
         "records": len(records.measured.times),
@@ -102,6 +106,11 @@ def table(results: dict[str, Any]) -> str:
         f"| as soon as each step is done | | {_mm(cloth['loopback'])} |",
         f"| for comparison: sim against itself, begun 4 ms later | | {_mm(cloth['sim_later'])} |",
         f"| limits or clearances broken: sim, loopback | 0 | {len(sim['violations'])}, {len(loopback['violations'])} |",
+        *(
+            f"| braking along the path at {float(rate):.0%} of the planned speed, median (worst of {len(times)}); the lead "
+            f"of {loopback_site().controller.lead:g} s comes before it | | {np.median(times):.2f} s ({max(times):.2f} s) |"
+            for rate, times in results["stops"].items()
+        ),
         *_loop_rows(results["closed_loop"]),
         "",
         "Lag of the segments behind the simulation's, from the command on (servo power, start of the job, the pause between "
@@ -120,6 +129,20 @@ def table(results: dict[str, Any]) -> str:
         )
         lines.append(f"| {axis} | {numbers} |")
     return "\n".join(lines)
+
+
+def _stops(plan: FlatteningPlan, cell: Cell, rate: float) -> list[float]:
+    """Times from the last point before a hold to rest, s, for holds all over a plan."""
+    limits, times = StreamLimits.of(cell.limits), []
+    for segment in plan.segments:
+        for begin in np.arange(0.1, segment.trajectory.duration / rate, _HOLDS / rate):
+            clock = PathClock(segment.trajectory, limits, rate=rate)
+            before = clock.next_until(float(begin))[-1].time
+            clock.set_rate(0.0)
+            points = clock.next_until(np.inf)
+            if points:
+                times.append(points[-1].time - before)
+    return times
 
 
 def _closed_loop(setting: Setting) -> dict[str, Any]:

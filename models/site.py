@@ -192,7 +192,10 @@ def load_site(path: str | Path) -> Site:
         InputError: missing file, unknown key, a value out of range.
     """
     site = load_yaml(path, Site)
-    site.validate()
+    try:
+        site.validate()
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
     return site
 
 

@@ -1,7 +1,8 @@
 """Fixtures for all tests."""
 
+import gc
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
@@ -15,6 +16,25 @@ from unwrinkle.perception.pose import Pose
 
 _DESK = 150  # grey of what is around a drawn board
 REPOSITORY = Path(__file__).parents[1]
+
+
+#: Garbage is collected between tests, once so many objects were made.
+_MUCH = 100_000
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _own_garbage() -> Iterator[None]:
+    """Collect garbage in this thread alone: renderers and Meshcats must not be destroyed by another one."""
+    gc.disable()
+    yield
+    gc.enable()
+
+
+@pytest.fixture(autouse=True)
+def _collected(_own_garbage: None) -> Iterator[None]:
+    yield
+    if gc.get_count()[0] > _MUCH:
+        gc.collect()
 
 
 @pytest.fixture(scope="session")

@@ -18,6 +18,7 @@ from unwrinkle.execution_loop import Interrupts, run_to_the_end
 from unwrinkle.execution_page import ExecutionPage
 from unwrinkle.executor import DONE, ExecutionResult, PlanExecutor
 from unwrinkle.finished_runs import FinishedRuns
+from unwrinkle.garbage import collected_at_rest
 from unwrinkle.hardware.run_log import RunLog
 from unwrinkle.models.errors import HardwareError, InputError, NoSafePlanError
 from unwrinkle.models.files import write_text
@@ -118,6 +119,7 @@ class ExecutionSession:
         speed = chosen_speed(self._site, self._plan, options.speed, self._finished)
         path = self._log_path()
         with contextlib.ExitStack() as stack:
+            stack.enter_context(collected_at_rest())
             interrupts = stack.enter_context(Interrupts())
             log = None if path is None else stack.enter_context(self._create_log(path, speed))
             if path is not None:

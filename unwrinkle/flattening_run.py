@@ -1,5 +1,6 @@
 """Running the loop: the diagram moves on period by period, while others watch; whatever happens ends at rest."""
 
+import gc
 import logging
 import signal
 import time
@@ -137,6 +138,8 @@ class FlatteningRun:
         now = self.situation
         mode, spent = before.mode, time.perf_counter() - clock
         if before.action.look != self._seconds.look:
+            if self._loop.real:
+                gc.collect()  # the arms rest now, see `garbage`
             self._seconds = Seconds(before.action.look)
         by_mode = self._seconds.by_mode
         by_mode[mode] = by_mode.get(mode, 0.0) + spent

@@ -21,6 +21,7 @@ from unwrinkle.flattening_setup import (
     scenario_text,
     with_choices,
 )
+from unwrinkle.garbage import collected_at_rest
 from unwrinkle.hardware.run_log import RunLog
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import Scenario, load_scenario
@@ -89,6 +90,8 @@ class Session:
         clock = time.perf_counter()
         recorder = Recorder(self.folder, self.loop.cell)
         with caught_interrupts() as interrupts, ExitStack() as at_end:
+            if self.loop.real:
+                at_end.enter_context(collected_at_rest())
             if self.log is not None:
                 at_end.callback(self.log.close)
             at_end.callback(self.loop.close)
