@@ -155,3 +155,15 @@ def test_without_a_site_there_is_no_hardware(tmp_path: Path) -> None:
 def test_a_run_goes_on_in_its_own_form(first_look: Path) -> None:
     with pytest.raises(InputError, match="--station"):
         go_on(first_look, Choices(station="loopback"))
+
+
+def test_plans_are_proven_in_the_sites_own_cell(tmp_path: Path) -> None:
+    own, other = tmp_path / "lab.scenario.yaml", tmp_path / "other.scenario.yaml"
+    own.write_text("Lab:\n  table: {size: [0.0, 0.8]}\n", encoding="utf-8")
+    other.write_text("Other: {}\n", encoding="utf-8")
+    site = dc.replace(loopback_site(), scenario=str(own))
+    with pytest.raises(InputError, match="leave --scenario out"):
+        begin(HARDWARE, other, tmp_path / "run", site=site, approve=lambda p, v: "")
+    with pytest.raises(InputError, match="table size"):  # its own cell is read, and is absurd
+        begin(HARDWARE, None, tmp_path / "run", site=site, approve=lambda p, v: "")
+    assert not (tmp_path / "run").exists()
