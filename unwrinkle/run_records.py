@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from unwrinkle.models.archive import load_archive, save_archive
@@ -75,6 +76,18 @@ class RunSettings:
     actions: int
     scenario: str = ""
     command: str = ""
+
+    @property
+    def station(self) -> str:
+        """Form of the station, by the scenario: sim, loopback or hardware."""
+        try:
+            named = yaml.safe_load(self.scenario)
+        except yaml.YAMLError:
+            return "sim"
+        for scenario in named.values() if isinstance(named, dict) else ():
+            if isinstance(scenario, dict) and isinstance(scenario.get("station"), dict):
+                return str(scenario["station"].get("form", "sim"))
+        return "sim"
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers and strings."""

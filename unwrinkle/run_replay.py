@@ -48,6 +48,12 @@ _CLOTH = "#5f87ab"
 
 _log = logging.getLogger(__name__)
 
+_SIMULATED = (
+    "Robot, cloth and pictures are simulated. The robot moves as it was measured, the cloth as it was "
+    "computed."
+)
+_REAL = "The robot moves as it was measured on the site's devices; the garment is not shown."
+
 
 def write_replay(run: RunFolder, cell: Cell) -> Path:
     """Write `replay.html` into the run's folder; return its path.
@@ -133,6 +139,7 @@ def _page(
         ),
         "views": " ".join(f'<button data-view="{name}">{name}</button>' for name in data["views"]),
         "layers": _layers(),
+        "real": _REAL if run.settings.station == "hardware" else _SIMULATED,
         "key": "".join(
             f'<span><i style="background:{_part_colour(name)}"></i>{escape(name)}</span>'
             for name in names

@@ -20,11 +20,23 @@ from unwrinkle.run_pictures import (
 
 PAGE = "report.html"
 _EVENTS = 400
-_SIMULATED = (
-    "The cloth, the robot, its cameras and their noise are simulated; perception, planning, verification and the "
-    "decisions are those that a real cell would run. Coverage and true height are the simulated cloth's own figures: "
-    "the loop never sees them."
-)
+#: What was real, by the station's form.
+_REAL = {
+    "sim": (
+        "The cloth, the robot, its cameras and their noise are simulated; perception, planning, verification and the "
+        "decisions are those that a real cell would run. Coverage and true height are the simulated cloth's own figures: "
+        "the loop never sees them."
+    ),
+    "loopback": (
+        "The cloth, the robot's bodies, its cameras and their noise are simulated; between them and the loop stand the real "
+        "drivers, which speak to a virtual controller over TCP and to virtual pan-tilt units over serial lines. Coverage and "
+        "true height are the simulated cloth's own figures: the loop never sees them."
+    ),
+    "hardware": (
+        "This run was on a site's devices. Nobody knows the garment's true height and coverage; heights are as they were "
+        "seen. What the controller was sent and what it measured stands in the run's controller-*.jsonl."
+    ),
+}
 
 
 def write_report(run: RunFolder) -> Path:
@@ -91,14 +103,16 @@ def _summary(run: RunFolder, looks: Sequence[ReadLook]) -> str:
         _tile(_duration(_seconds(run, looks)), "total time"),
         _tile(f"{settings.seed}", "seed"),
     ]
+    real = settings.station == "hardware"
+    garment = f"{settings.garment} ({settings.texture}), at first {settings.start}; "
     what = (
-        f"{settings.garment} ({settings.texture}), at first {settings.start}; sensor {settings.sensor} at scale "
-        f"{settings.scale:g}; arms {settings.arms}; pull mode {settings.mode}"
+        f"{'' if real else garment}sensor {settings.sensor} at scale {settings.scale:g}; arms "
+        f"{settings.arms}; pull mode {settings.mode}"
     )
     return (
         f'<section><h1>Flattening run {escape(run.path.resolve().name)}</h1><span class="status {kind}">{word}'
         f'</span><p>{escape(reason)}</p><div class="tiles">{"".join(tiles)}</div><p>{escape(what)}</p>'
-        f'<p><code>{escape(settings.command)}</code></p><p class="note small">{_SIMULATED}</p></section>'
+        f'<p><code>{escape(settings.command)}</code></p><p class="note small">{_REAL.get(settings.station, "")}</p></section>'
     )
 
 

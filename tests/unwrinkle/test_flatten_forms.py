@@ -110,7 +110,9 @@ def test_an_action_on_devices_in_real_time(site: Site, tmp_path: Path) -> None:
     records = read_run_log(folder / "controller-1.jsonl")
     moved = np.abs(records.measured.positions - records.measured.positions[0]).max()
     assert moved > 0.3 and not records.cut
-    assert (folder / "report.html").is_file() and (folder / "replay.html").is_file()
+    for page in ("report.html", "replay.html"):  # nothing of it was simulated, and none says so
+        text = (folder / page).read_text(encoding="utf-8")
+        assert "site's devices" in text and "are simulated" not in text
 
 
 @pytest.mark.slow
@@ -142,6 +144,22 @@ def test_the_hardware_station_is_refused(
     with pytest.raises(InputError, match=message):
         begin(HARDWARE, None, folder, site=bad, approve=(lambda p, v: "") if approved else None)
     assert not folder.exists()  # nothing is left behind
+
+
+@pytest.mark.parametrize(
+    ("text", "form"),
+    [
+        ("Lab:\n  station: {form: hardware}\n", "hardware"),
+        ("Lab:\n  speed: 1.0\n", "sim"),
+        ("", "sim"),
+        ("{", "sim"),
+        ("- a", "sim"),
+    ],
+)
+def test_settings_know_the_stations_form(first_look: Path, text: str, form: str) -> None:
+    settings = RunFolder.open(first_look).settings
+    assert settings.station == "sim"
+    assert dc.replace(settings, scenario=text).station == form
 
 
 def test_without_a_site_there_is_no_hardware(tmp_path: Path) -> None:
