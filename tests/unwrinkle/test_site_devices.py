@@ -186,13 +186,19 @@ def test_an_exposure_has_an_end() -> None:
 
 
 @pytest.fixture
-def grippers(background: Any) -> Iterator[tuple[GripperSite, VirtualCanGrippers]]:
+def far_bus() -> Iterator[can.BusABC]:
+    """The grippers' end of a virtual bus; closed after the threads that poll it have ended."""
+    with can.Bus(interface="virtual", channel=f"check {next(_CHANNELS)}") as bus:
+        yield bus
+
+
+@pytest.fixture
+def grippers(far_bus: Any, background: Any) -> tuple[GripperSite, VirtualCanGrippers]:
     """Virtual grippers on a bus of their own, and their site."""
-    site = GripperSite("can", interface="virtual", channel=f"check {next(_CHANNELS)}", timeout=5.0)
-    with can.Bus(interface="virtual", channel=site.channel) as far:
-        virtual = VirtualCanGrippers(far)
-        background(virtual.poll)
-        yield site, virtual
+    site = GripperSite("can", interface="virtual", channel=far_bus.channel_id, timeout=5.0)
+    virtual = VirtualCanGrippers(far_bus)
+    background(virtual.poll)
+    return site, virtual
 
 
 def test_can_grippers_say_where_they_stand(
