@@ -112,11 +112,6 @@ class PathClock:
             return True
         return self._change is None and self._target == 0.0
 
-    @property
-    def changing(self) -> bool:
-        """Whether the rate is on its way to the one that is wanted."""
-        return self._change is not None or self._pending is not None
-
     def set_rate(self, target: float) -> None:
         """Go over to another rate, from the last point produced on; 0 is a hold.
 

@@ -7,7 +7,7 @@ from unwrinkle.planning.trajectory import Trajectory
 
 
 class Driver(Protocol):
-    """What is asked of the controller's driver; see `DriverThread`."""
+    """What is asked of the controller's driver; see `DriverProcess`."""
 
     @property
     def status(self) -> DriverStatus:
