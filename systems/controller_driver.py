@@ -34,7 +34,7 @@ STATES = {
 
 
 class MotionDriver(Protocol):
-    """What drives the arms: the driver itself, polled by the diagram, or one that a thread polls."""
+    """What drives the arms: the driver itself, polled by the diagram, or one that another process polls."""
 
     @property
     def status(self) -> DriverStatus:
@@ -87,7 +87,7 @@ class ControllerDriverSystem(LeafSystem):
             first: (13,) where they are, until feedback says so, rad.
             period: of passing commands on, s.
             feedback_period: of the outputs, s.
-            poll: moves the driver on to a time of the diagram, s; None where a thread does it.
+            poll: moves the driver on to a time of the diagram, s; None where another process does it.
         """
         super().__init__()
         self.set_name("controller driver")

@@ -69,9 +69,7 @@ class GripperDriverSystem(LeafSystem):
             self._grippers.command(command.number + self._before, command.closed)
             closed = [bool(c) for c in command.closed]
             text = ", ".join("close" if c else "open" for c in closed) + " (right, left)"
-            with suppress(
-                OSError
-            ):  # a log that cannot be written ends the motion, by the controller's driver
+            with suppress(OSError):  # the controller's driver ends a motion whose log is lost
                 self._log.event(self._clock(context.get_time()), "gripper", text, closed=closed)
         self._grippers.poll(self._clock(context.get_time()))
         report = self._grippers.status

@@ -130,7 +130,7 @@ class HardwareStation(Diagram):
         equipment: its devices.
     """
 
-    def __init__(self, cell: Cell, equipment: Equipment) -> None:
+    def __init__(self, cell: Cell, equipment: Equipment, log: RunLog | None) -> None:
         """See `build_hardware_station`."""
         super().__init__()
         self.equipment = equipment
@@ -150,6 +150,7 @@ class HardwareStation(Diagram):
                 period=period,
                 clock=own_time,
                 open_first=True,
+                log=log,
             )
         )
         head_command, head_position, cameras = _add_eyes(
@@ -265,7 +266,7 @@ def build_hardware_station(
     """
     equipment = Equipment(cell, site, head, log, grab)
     try:
-        return HardwareStation(cell, equipment)
+        return HardwareStation(cell, equipment, log)
     except BaseException:
         equipment.close()
         raise

@@ -150,6 +150,10 @@ class Rig(Bench):
         return build_hardware_station(cell, self._devices.site, head=options["head"])
 
     @property
+    def simulated(self) -> bool:
+        return self._devices is None
+
+    @property
     def time(self) -> float:
         return float(self.context.get_time())
 

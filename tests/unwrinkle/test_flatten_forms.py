@@ -110,6 +110,8 @@ def test_an_action_on_devices_in_real_time(site: Site, tmp_path: Path) -> None:
     records = read_run_log(folder / "controller-1.jsonl")
     moved = np.abs(records.measured.positions - records.measured.positions[0]).max()
     assert moved > 0.3 and not records.cut
+    grips = [event.data["closed"] for event in records.events if event.kind == "gripper"]
+    assert grips == [[True, True], [False, False]]
     for page in ("report.html", "replay.html"):  # nothing of it was simulated, and none says so
         text = (folder / page).read_text(encoding="utf-8")
         assert "site's devices" in text and "are simulated" not in text
