@@ -1,0 +1,73 @@
+"""Rows of boards: kept one by one, gone on with, and only for the very code and settings."""
+
+from pathlib import Path
+
+import pytest
+
+from unwrinkle.benchmarks._code_digest import code_digest
+from unwrinkle.benchmarks._rows import Row, run_rows
+from unwrinkle.models.errors import InputError
+
+_WORK = """
+from pathlib import Path
+
+def work(settings, folder):
+    with Path(settings["calls"]).open("a") as calls:
+        calls.write(settings["name"])
+    if Path(settings["fails"]).exists() and settings["name"] == "b":
+        raise ValueError("no such wrinkle")
+    (folder / "kept.txt").write_text("kept")
+    return {"twice": 2 * settings["value"]}
+"""
+
+
+@pytest.fixture
+def rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Row]:
+    (tmp_path / "code").mkdir()
+    (tmp_path / "code" / "probe_work.py").write_text(_WORK)
+    monkeypatch.syspath_prepend(str(tmp_path / "code"))
+    monkeypatch.chdir(tmp_path)
+    common = {"calls": str(tmp_path / "calls"), "fails": str(tmp_path / "fails")}
+    return [
+        Row(name, "probe_work:work", {"name": name, "value": value, **common})
+        for value, name in enumerate("abc")
+    ]
+
+
+class Told:
+    """What the progress was told."""
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[int, int]] = []
+
+    def __call__(self, done: int, total: int, stage: str) -> None:
+        self.calls.append((done, total))
+
+
+def test_an_interrupted_board_goes_on(rows: list[Row], tmp_path: Path) -> None:
+    (tmp_path / "fails").touch()
+    with pytest.raises(InputError, match="1 of 3 rows failed, the first b: ValueError: no such"):
+        run_rows("probe", rows, Told(), workers=1)
+    (tmp_path / "fails").unlink()
+    told = Told()
+    done = run_rows("probe", rows, told, workers=1)
+    assert [row["twice"] for row in done] == [0, 2, 4]
+    assert [row["name"] for row in done] == ["a", "b", "c"]
+    assert sorted((tmp_path / "calls").read_text()) == ["a", "b", "b", "c"]
+    assert told.calls == [(2, 3), (3, 3)]
+    assert all((Path(row["folder"]) / "kept.txt").exists() for row in done)
+
+
+def test_other_settings_and_other_boards_have_other_places(rows: list[Row]) -> None:
+    other = Row(rows[0].name, rows[0].work, {**rows[0].settings, "value": 9})
+    assert rows[0].folder("probe") != other.folder("probe")
+    assert rows[0].folder("probe") != rows[0].folder("another")
+
+
+def test_digest_follows_what_is_imported() -> None:
+    loop, statistics = (
+        code_digest(f"unwrinkle.benchmarks.{name}") for name in ("_loop_rows", "_statistics")
+    )
+    assert loop != statistics and len(loop) == 64
+    with pytest.raises(InputError, match="no such module"):
+        code_digest("unwrinkle.benchmarks.nothing")
