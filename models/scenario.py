@@ -10,9 +10,13 @@ from unwrinkle.models.errors import InputError
 from unwrinkle.models.loader_yaml import load_yaml, models_dir
 
 STATION_FORMS = ("sim", "loopback", "hardware")
-SENSOR_KINDS = ("stereo", "depth")
+SENSOR_KINDS = ("stereo", "depth", "truth")
 OUTLINES = ("towel", "dishcloth", "tshirt", "trousers")
 STARTS = ("bunched", "ridge", "pinched", "dropped", "flat")
+MODES = ("foot", "paper", "between")
+ORDERS = ("volume", "pull", "height", "length", "together")
+SECTIONS = ("centre", "highest")
+PULLS = ("wrinkle", "section")
 
 
 @dc.dataclass
@@ -52,10 +56,12 @@ class Clearances:
 class SensorSettings:
     """What looks at the garment in the closed loop."""
 
-    # stereo (the head) or depth (the depth camera).
+    # stereo (the head), depth (the depth camera), or truth: the simulated cloth itself, with the head's noise.
     kind: str = "stereo"
     # Size of the head's pictures: 1 (16 megapixels), 0.5, 0.25 or 0.125.
     scale: float = 0.5
+    # Factor on the noise of the head's cameras: 1 is that of their sensors, 0 none.
+    noise: float = 1.0
     # The depth camera: model (see simulation), and its pose in the world: place in m, the image's top away from the robot.
     depth_camera: str = "xtion"
     depth_camera_place: list[float] = dc.field(default_factory=lambda: [0.0, -1.10, 1.80])
@@ -69,8 +75,15 @@ class LoopSettings:
     actions: int = 10
     # any (two arms if possible), dual or single.
     arms: str = "any"
-    # Reading of Eq. 5: foot or paper.
+    # Reading of Eq. 5: foot, paper, or between (their mean).
     mode: str = "foot"
+    # Which wrinkle comes first: the one with the largest volume, pull, height or length, or the one whose section crosses
+    # most of all wrinkles together.
+    order: str = "volume"
+    # Where the section goes through the wrinkle: its centre, or its highest part.
+    section: str = "centre"
+    # What is pulled out: the slack of the wrinkle (Eq. 5), or all that the section crosses.
+    pull: str = "wrinkle"
     # Each hand pulls the wrinkle's distance of Eq. 5 times the gain, and the extra more, in m: cloth slides and stretches.
     pull_gain: float = 1.2
     pull_extra: float = 0.004
@@ -150,7 +163,10 @@ class Scenario:
             ("station form", self.station.form, STATION_FORMS),
             ("sensor kind", self.sensor.kind, SENSOR_KINDS),
             ("loop arms", self.loop.arms, ("any", "dual", "single")),
-            ("loop mode", self.loop.mode, ("foot", "paper")),
+            ("loop mode", self.loop.mode, MODES),
+            ("loop order", self.loop.order, ORDERS),
+            ("loop section", self.loop.section, SECTIONS),
+            ("loop pull", self.loop.pull, PULLS),
             ("garment outline", self.station.garment.outline, OUTLINES),
             ("garment start", self.station.garment.start, STARTS),
         )
@@ -170,10 +186,16 @@ class Scenario:
                 raise InputError(
                     f"scenario: {what} is {number:g}; give more than 0, up to {most:g}"
                 )
+        if self.sensor.kind == "truth" and self.station.form == "hardware":
+            raise InputError(
+                "scenario: sensor kind 'truth' is the simulated cloth itself; on hardware choose stereo or depth"
+            )
         if self.sensor.scale not in (1.0, 0.5, 0.25, 0.125):
             raise InputError(
                 f"scenario: sensor scale is {self.sensor.scale:g}; give 1, 0.5, 0.25 or 0.125"
             )
+        if not 0.0 <= self.sensor.noise <= 10.0:
+            raise InputError(f"scenario: sensor noise is {self.sensor.noise:g}; give 0 to 10")
         if not 0 <= self.loop.actions <= 1000 or self.loop.grasp_attempts < 1:
             raise InputError(
                 "scenario: loop actions must be 0 to 1000 and grasp_attempts at least 1, got "
@@ -204,7 +226,7 @@ def with_sensor(scenario: Scenario, kind: str) -> Scenario:
 
     Args:
         scenario: any.
-        kind: stereo or depth.
+        kind: stereo, depth or truth.
 
     Raises:
         InputError: the kind is unknown.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -31,13 +31,14 @@ class Analysis:
     Attributes:
         range_map: what was analysed.
         profile: the noise profile it was analysed with.
-        mode: "paper" or "foot", the reading of Eq. 5.
+        mode: one of MODES, the reading of Eq. 5.
         surface: the garment's fitted surface, on a grid of its own.
         ridge_points: mask of ridge points, on the surface's grid.
         wrinkles: largest (by volume score) first.
         target: what to do about the largest wrinkle that can be grasped, or why there is nothing.
         target_index: which of `wrinkles` the target is for; None without a target.
         table: the table's rectangle, which grasp points stay on.
+        section, pull: of targets, see `flattening_target`.
     """
 
     range_map: RangeMap
@@ -49,6 +50,8 @@ class Analysis:
     target: FlatteningTarget | NoTarget
     target_index: int | None
     table: TableTop
+    section: str = "centre"
+    pull: str = "wrinkle"
 
     @property
     def halting_measure(self) -> float:
@@ -124,7 +127,13 @@ class Analysis:
         if not 0 <= index < len(self.wrinkles):
             raise InputError(f"wrinkle {index}: there are {len(self.wrinkles)} wrinkles")
         return flattening_target(
-            self.range_map, self.surface, self.wrinkles[index], mode=self.mode, table=self.table
+            self.range_map,
+            self.surface,
+            self.wrinkles[index],
+            mode=self.mode,
+            section=self.section,
+            pull=self.pull,
+            table=self.table,
         )
 
     def targets(self) -> list[tuple[int, FlatteningTarget]]:
@@ -165,15 +174,18 @@ def analyse(
     profile: NoiseProfile | None = None,
     table: TableTop | None = None,
     patches: bool = False,
+    section: str = "centre",
+    pull: str = "wrinkle",
 ) -> Analysis:
     """Find the wrinkles on a range map and what to do about the largest.
 
     Args:
         range_map: height above the table, with the garment's mask.
-        mode: reading of Eq. 5: "paper" (between the contours) or "foot" (foot to foot).
+        mode: reading of Eq. 5: "paper" (between the contours), "foot" (foot to foot), or "between" (their mean).
         profile: noise profile; None for the range map's sensor's own.
         table: the table's rectangle; None for the working table.
         patches: the paper's independent surface patches in place of one smooth surface.
+        section, pull: of targets, see `flattening_target`.
 
     Raises:
         InputError: unknown mode or sensor, no garment, nothing measured on it.
@@ -190,42 +202,36 @@ def analyse(
         for wrinkle in wrinkles_of(line, surface, profile, range_map.table_height)
     ]
     wrinkles.sort(key=lambda wrinkle: -wrinkle.volume_score)
-    target, index = _first_target(range_map, surface, wrinkles, mode, profile, table)
-    return Analysis(
+    nothing = NoTarget("no target was sought")
+    found = Analysis(
         range_map=range_map,
         profile=profile,
         mode=mode,
         surface=surface,
         ridge_points=ridge,
         wrinkles=tuple(wrinkles),
-        target=target,
-        target_index=index,
+        target=nothing,
+        target_index=None,
         table=table,
+        section=section,
+        pull=pull,
     )
+    target, index = _first_target(found)
+    return replace(found, target=target, target_index=index)
 
 
-def _first_target(
-    range_map: RangeMap,
-    surface: Surface,
-    wrinkles: list[Wrinkle],
-    mode: str,
-    profile: NoiseProfile,
-    table: TableTop,
-) -> tuple[FlatteningTarget | NoTarget, int | None]:
+def _first_target(analysis: Analysis) -> tuple[FlatteningTarget | NoTarget, int | None]:
     """Target of the largest wrinkle above the halting pull that can be grasped."""
     first: NoTarget | None = None
-    for index, wrinkle in enumerate(wrinkles):
-        if wrinkle.pull_distance(mode) < profile.halting_pull:
-            continue
-        target = flattening_target(range_map, surface, wrinkle, mode=mode, table=table)
+    for index in analysis.worth_pulling:
+        target = analysis.target_for(index)
         if isinstance(target, FlatteningTarget):
             return target, index
         first = first or target
     if first is not None:
         return first, None
-    largest = max((wrinkle.pull_distance(mode) for wrinkle in wrinkles), default=0.0)
     reason = (
-        f"the garment is flat: {len(wrinkles)} wrinkles, none asks for a pull of "
-        f"{profile.halting_pull:.4f} m or more (largest {largest:.4f} m)"
+        f"the garment is flat: {len(analysis.wrinkles)} wrinkles, none asks for a pull of "
+        f"{analysis.profile.halting_pull:.4f} m or more (largest {analysis.halting_measure:.4f} m)"
     )
     return NoTarget(reason, flat=True), None

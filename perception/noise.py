@@ -1,7 +1,7 @@
 """What each kind of sensor can and cannot resolve: one profile per sensor, in metres."""
 
 from dataclasses import dataclass, fields
-from math import isfinite
+from math import inf, isfinite, sqrt
 
 from unwrinkle.models import InputError, load_yaml, models_dir
 
@@ -13,6 +13,10 @@ _LENGTHS_POSITIVE = (
     "rank_radius",
     "wrinkledness_window",
 )
+
+#: A ridge just shorter than `wrinkle_length` must be this many `depth_noise` high to be a wrinkle (what
+#: is lower gives the closed loop no reason to pull), a shorter one higher: `NoiseProfile.least_height`.
+STUB_NOISES = 2.0
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,9 @@ class NoiseProfile:
         rank_radius: radius of the majority rank filter (its window is 2 * radius wide).
         link_gap: widest gap between two ridge pieces that may be linked.
         linking_cosine: least cosine between two pieces' directions for linking them.
-        wrinkle_length: ridges shorter than this are no wrinkles.
+        wrinkle_length: ridges shorter than this are no wrinkles, unless they are stubs.
+        stub_length: ridges shorter than `wrinkle_length`, but not than this, are wrinkles if their
+            height is beyond doubt (see `least_height`); 0 for none.
         triplet_spacing: distance between the ridge samples that triplets are sought at.
         contour_reach: how far from the ridge a contour is sought.
         wrinkledness_window: side of the window of the wrinkledness entropy.
@@ -60,6 +66,7 @@ class NoiseProfile:
     link_gap: float = 0.03
     linking_cosine: float = 0.9
     wrinkle_length: float = 0.03
+    stub_length: float = 0.0
     triplet_spacing: float = 0.002
     contour_reach: float = 0.05
     wrinkledness_window: float = 0.033
@@ -78,6 +85,24 @@ class NoiseProfile:
                 )
             if field.name in _LENGTHS_POSITIVE and value <= 0.0:
                 raise InputError(f"noise profile {self.name!r}: {field.name} must be positive")
+
+    @property
+    def shortest_ridge(self) -> float:
+        """Length below which no ridge is a wrinkle, however high, metres."""
+        return min(self.stub_length or self.wrinkle_length, self.wrinkle_length)
+
+    def least_height(self, length: float) -> float:
+        """Height that a ridge of this length must have to be a wrinkle, both in metres.
+
+        One standard deviation of a reading from `wrinkle_length` on. A shorter one is fewer readings
+        long, and a matched filter tells it from noise by height * sqrt(length): it must be
+        STUB_NOISES * depth_noise * sqrt(wrinkle_length / length) high.
+        """
+        if length >= self.wrinkle_length:
+            return self.depth_noise
+        if length < self.shortest_ridge:
+            return inf
+        return STUB_NOISES * self.depth_noise * sqrt(self.wrinkle_length / length)
 
 
 def noise_profile_names() -> tuple[str, ...]:

@@ -67,12 +67,17 @@ def sample(image: Floats, points: Line) -> Floats:
     return np.asarray(out.reshape(-1)[: len(flat)].reshape(points.shape[:-1]))
 
 
-def ridge_points(surface: Surface, profile: NoiseProfile) -> Mask:
+def ridge_points(surface: Surface, profile: NoiseProfile, *, domes: bool = False) -> Mask:
     """Mark positive extrema of -k_min across the crest, stronger than the profile's gate.
 
     Only in (majority-filtered) ridge and saddle-ridge cells, and off the rim, so that domes, ruts
     and the step down to the table cut the lines. The strength is smoothed by a quarter of the knot
     spacing first: second derivatives of a cubic spline have their extrema at knots otherwise.
+
+    Args:
+        surface: the fitted surface.
+        profile: the sensor's profile.
+        domes: whether domes do not cut the lines, but have ridge points of their own.
     """
     sigma = 0.25 * profile.knot_spacing / surface.resolution
     strength = cv2.GaussianBlur(-surface.k_min, (0, 0), max(sigma, 0.5))
@@ -80,6 +85,8 @@ def ridge_points(surface: Surface, profile: NoiseProfile) -> Mask:
     framed = np.pad(surface.inside.astype(np.uint8), 1)  # where the map ends is a rim, too
     depth = cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1]
     candidate = (surface.classes == RIDGE) | (surface.classes == SADDLE_RIDGE)
+    if domes:
+        candidate |= surface.classes == DOME
     candidate &= (strength > profile.ridge_curvature) & (depth > rim)
     rows, columns = np.nonzero(candidate)
     points = np.stack([columns, rows], axis=1).astype(float)
@@ -117,9 +124,25 @@ def link(ridge: Mask, surface: Surface, profile: NoiseProfile) -> list[Line]:
     both tangents (of the last 1-2 cm) and the gap run the same way within `linking_cosine`, and
     the gap lies in one ridge region.
 
+    If the profile has stubs, short lines through domes are added where no other line is: a wide
+    filter makes a dome of a fold that is hardly longer than it is wide.
+
     Returns:
-        Lines longer than the profile's shortest wrinkle, ordered points (column, row).
+        Lines longer than the profile's shortest ridge, ordered points (column, row).
     """
+    lines = _linked(ridge, surface, profile)
+    if profile.stub_length == 0.0:
+        return lines
+    own = profile.knot_spacing / surface.resolution
+    stubs = _linked(ridge_points(surface, profile, domes=True), surface, profile)
+    if lines:
+        tree = cKDTree(np.concatenate(lines))
+        stubs = [stub for stub in stubs if float(np.min(tree.query(stub)[0])) > own]
+    longest = profile.wrinkle_length / surface.resolution
+    return lines + [stub for stub in stubs if _extent(stub) < longest]
+
+
+def _linked(ridge: Mask, surface: Surface, profile: NoiseProfile) -> list[Line]:
     shortest = PIECE_SHARE * profile.wrinkle_length / surface.resolution
     pieces = [line for line in _pieces(_thin(ridge)) if _extent(line) >= shortest]
     gap = profile.link_gap / surface.resolution
@@ -132,7 +155,7 @@ def link(ridge: Mask, surface: Surface, profile: NoiseProfile) -> list[Line]:
         if _extent(part) >= shortest
     ]
     lines = _chains(pieces, _joints(pieces, surface, profile))
-    least = profile.wrinkle_length / surface.resolution
+    least = profile.shortest_ridge / surface.resolution
     return [line for line in lines if _extent(line) >= least]
 
 

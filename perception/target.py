@@ -21,8 +21,18 @@ Vector = NDArray[np.float64]
 #: The grippers may never end further apart than this times the cloth between them.
 STRETCH_LIMIT = 1.10
 
-#: Eq. 5's two readings: between the inflection lines (paper), or on to the wrinkle's feet.
-MODES = ("paper", "foot")
+#: A verified motion's grippers are up to 0.1 mm further apart than its target says: pulls that go to the limit by design
+#: stay this far within it, metres.
+STRETCH_MARGIN = 0.001
+
+#: Eq. 5's readings: between the inflection lines (paper), on to the wrinkle's feet, or the mean of both.
+MODES = ("paper", "foot", "between")
+
+#: Where along a wrinkle the section goes that the hands pull in: through its centre, or its highest part.
+SECTIONS = ("centre", "highest")
+
+#: What each hand pulls: the wrinkle's slack (Eq. 5), or that of all that the section crosses.
+PULLS = ("wrinkle", "section")
 
 
 def _frozen_vector(value: Any, size: int, name: str) -> Vector:
@@ -93,7 +103,7 @@ class FlatteningTarget:
         wrinkle_direction: (2,) unit, the wrinkle's principal direction.
         geodesic_distance: length of the cloth's surface section between the grasp points. The
             hands' pull distances keep the grippers within STRETCH_LIMIT times this.
-        mode: "paper" or "foot": which reading of Eq. 5 gave the pull distance.
+        mode: which of MODES, the readings of Eq. 5, gave the pull distance.
     """
 
     hands: tuple[HandTarget, HandTarget]
@@ -127,21 +137,25 @@ class FlatteningTarget:
         ends = [hand.p_WG[:2] + hand.pull_distance * hand.pull_direction for hand in self.hands]
         return float(np.hypot(*(ends[1] - ends[0])))
 
-    def pulled_further(self, gain: float, extra: float) -> FlatteningTarget:
+    def pulled_further(self, gain: float, extra: float, margin: float = 0.0) -> FlatteningTarget:
         """The same pull with each hand going `gain` times as far and `extra` metres more.
 
         Cloth slides and stretches a little before the last of a wrinkle gives way. No hand goes so far that the grippers
-        would end more than STRETCH_LIMIT x the geodesic distance apart, and none less far than before.
+        would end more than STRETCH_LIMIT x the geodesic distance, less the margin (m), apart, and none less far than before.
 
         Raises:
-            InputError: a gain below 1, an extra below 0, or either not finite.
+            InputError: a gain below 1, an extra or a margin below 0, or one of them not finite.
         """
-        if not (math.isfinite(gain) and math.isfinite(extra) and gain >= 1.0 and extra >= 0.0):
-            raise InputError(f"pull: gain {gain!r} must be 1 or more, extra {extra!r} m 0 or more")
+        finite = math.isfinite(gain) and math.isfinite(extra) and math.isfinite(margin)
+        if not (finite and gain >= 1.0 and extra >= 0.0 and margin >= 0.0):
+            raise InputError(
+                f"pull: gain {gain!r} must be 1 or more, extra {extra!r} m and margin {margin!r} m 0 or more"
+            )
         begin = [hand.p_WG[:2] + hand.pull_distance * hand.pull_direction for hand in self.hands]
         more = [(gain - 1.0) * hand.pull_distance + extra for hand in self.hands]
         wider = more[1] * self.hands[1].pull_direction - more[0] * self.hands[0].pull_direction
-        share = _share_within(begin[1] - begin[0], wider, STRETCH_LIMIT * self.geodesic_distance)
+        limit = STRETCH_LIMIT * self.geodesic_distance - margin
+        share = _share_within(begin[1] - begin[0], wider, limit)
         hands = [
             replace(hand, pull_distance=hand.pull_distance + share * further)
             for hand, further in zip(self.hands, more, strict=True)

@@ -1,7 +1,8 @@
 """From a wrinkle and the garment's contour to the four parameters of both hands.
 
 The cloth is gripped where the section across the wrinkle, through its centre, leaves the garment on
-either side, and pulled along that section, away from the wrinkle.
+either side, and pulled along that section, away from the wrinkle. Through the highest part of the
+wrinkle instead, and by the slack of all that the section crosses, are options.
 """
 
 from __future__ import annotations
@@ -14,11 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from unwrinkle.models.errors import InputError
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.ridges import sample
 from unwrinkle.perception.surface import Surface
-from unwrinkle.perception.target import STRETCH_LIMIT, FlatteningTarget, HandTarget, NoTarget
-from unwrinkle.perception.wrinkle import Wrinkle
+from unwrinkle.perception.target import (
+    PULLS,
+    SECTIONS,
+    STRETCH_LIMIT,
+    STRETCH_MARGIN,
+    FlatteningTarget,
+    HandTarget,
+    NoTarget,
+)
+from unwrinkle.perception.wrinkle import PULL_COEFFICIENT, Wrinkle
 
 Vectors = NDArray[np.float64]
 
@@ -43,6 +53,10 @@ LEAST_SEEN = 0.2
 
 #: Sections tried where the one through the centre fails, as shares of the wrinkle's length.
 SECTION_SHIFTS = (0.0, -0.1, 0.1, -0.2, 0.2, -0.3, 0.3, -0.4, 0.4)
+#: Sections keep away from the wrinkle's ends by this share of its length.
+END_SHARE = 0.1
+#: Sigma of the smoothing of a crest before its highest part is taken, metres.
+CREST_SIGMA = 0.010
 
 
 @dataclass(frozen=True)
@@ -146,44 +160,92 @@ def flattening_target(
     wrinkle: Wrinkle,
     *,
     mode: str = "foot",
+    section: str = "centre",
+    pull: str = "wrinkle",
     table: TableTop | None = None,
 ) -> FlatteningTarget | NoTarget:
     """Return what both hands do about `wrinkle`, or why nothing can be done.
 
-    Tried first is the section through the wrinkle's centre, then sections shifted along it by up to
-    40 % of its length to each side; then once more, with less demand on the angle between section
-    and contour. Each hand pulls the wrinkle's Eq. 5 distance of `mode`, less
-    where the grippers would otherwise end more than STRETCH_LIMIT x geodesic distance apart.
+    Tried first is the section through the wrinkle's centre (or its highest part), then sections
+    shifted along it by up to 40 % of its length to each side; then once more, with less demand on
+    the angle between section and contour. Each hand pulls the wrinkle's Eq. 5 distance of `mode`
+    (or Eq. 5 of the whole section), less where the grippers would otherwise end more than
+    STRETCH_LIMIT x geodesic distance apart.
 
     Args:
         range_map: what the surface was fitted to; tells where the sensor saw anything.
         surface: the garment's surface.
         wrinkle: which wrinkle.
-        mode: "paper" or "foot".
+        mode: one of MODES.
+        section: one of SECTIONS: where along the wrinkle.
+        pull: one of PULLS: the slack of the wrinkle, by Eq. 5 in `mode`, or of all that the section
+            crosses, from grasp point to grasp point.
         table: the table's rectangle; None for the working table.
+
+    Raises:
+        InputError: unknown mode, section or pull.
     """
     table = table or TableTop()
     wrinkle.pull_distance(mode)  # refuses an unknown mode before any work
+    if pull not in PULLS:
+        raise InputError(f"pull {pull!r}: must be one of {', '.join(PULLS)}")
+    middle = section_place(wrinkle, section)
     contour = garment_contour(surface, wrinkle.centre)
     if contour is None:
         x, y = wrinkle.centre
         return NoTarget(f"the wrinkle's centre ({x:.3f}, {y:.3f}) lies outside the garment's mask")
     first: NoTarget | None = None
-    run = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(wrinkle.curve[:, :2], axis=0).T))])
+    shares = [middle + shift for shift in SECTION_SHIFTS]
+    shares = [share for share in shares if abs(share - 0.5) < 0.5 - END_SHARE + 1e-6]
     for least in (GOOD_CROSSING_ANGLE, LEAST_CROSSING_ANGLE):
-        for shift in SECTION_SHIFTS:
-            where = (0.5 + shift) * run[-1]
-            start = np.array([np.interp(where, run, wrinkle.curve[:, i]) for i in range(3)])
-            if shift == 0.0:
-                start[:2] = wrinkle.centre
+        for share in shares:
+            start = section_start(wrinkle, share)
             target = _section_target(
-                range_map, surface, wrinkle, contour, start, mode, table, least
+                range_map, surface, wrinkle, contour, start, mode, pull, table, least
             )
             if isinstance(target, FlatteningTarget):
                 return target
             first = first or target
     assert first is not None
     return first
+
+
+def section_place(wrinkle: Wrinkle, section: str) -> float:
+    """Where along a wrinkle its section goes, as a share of its length.
+
+    Args:
+        wrinkle: which.
+        section: "centre", or "highest" for the highest part of the crest, smoothed over
+            CREST_SIGMA, but not nearer to an end than END_SHARE.
+
+    Raises:
+        InputError: an unknown section.
+    """
+    if section not in SECTIONS:
+        raise InputError(f"section {section!r}: must be one of {', '.join(SECTIONS)}")
+    if section == "centre":
+        return 0.5
+    run = _run(wrinkle)
+    spacing = float(np.median(np.diff(run)))
+    smooth = gaussian_filter1d(
+        wrinkle.curve[:, 2], CREST_SIGMA / max(spacing, 1e-6), mode="nearest"
+    )
+    inner = np.abs(run / run[-1] - 0.5) <= 0.5 - END_SHARE
+    return float(run[np.argmax(np.where(inner, smooth, -np.inf))] / run[-1])
+
+
+def section_start(wrinkle: Wrinkle, share: float) -> Vectors:
+    """Point (3,) of a wrinkle where a section at a share of its length crosses it; at 0.5 its centre."""
+    run = _run(wrinkle)
+    start = np.array([np.interp(share * run[-1], run, wrinkle.curve[:, i]) for i in range(3)])
+    if share == 0.5:
+        start[:2] = wrinkle.centre
+    return start
+
+
+def _run(wrinkle: Wrinkle) -> Vectors:
+    """Horizontal distance (n,) of the points of a wrinkle's curve from its first, along it."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(wrinkle.curve[:, :2], axis=0).T))])
 
 
 def _section_target(
@@ -193,6 +255,7 @@ def _section_target(
     contour: GarmentContour,
     start: Vectors,
     mode: str,
+    pull: str,
     table: TableTop,
     least_angle: float,
 ) -> FlatteningTarget | NoTarget:
@@ -212,14 +275,16 @@ def _section_target(
     geodesic = section_length(surface, ends[0][0], ends[1][0])
     # Both hands move straight apart along the section: apart + 2 d <= limit x geodesic.
     apart = float(np.hypot(*(ends[1][0] - ends[0][0])))
-    most = max(0.5 * (STRETCH_LIMIT * geodesic - apart), 0.0)
-    pull = min(wrinkle.pull_distance(mode), most)
+    margin = STRETCH_MARGIN if pull == "section" else 0.0
+    most = max(0.5 * (STRETCH_LIMIT * geodesic - apart - margin), 0.0)
+    slack = PULL_COEFFICIENT * max(geodesic - apart, 0.0)
+    asked = slack if pull == "section" else wrinkle.pull_distance(mode)
     hands = [
         HandTarget(
             p_WG=np.array([*grasp, range_map.table_height]),
             grasp_direction=inward,
             pull_direction=outward,
-            pull_distance=pull,
+            pull_distance=min(asked, most),
         )
         for grasp, inward, outward in ends
     ]

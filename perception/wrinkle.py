@@ -100,7 +100,8 @@ class Wrinkle:
         """Eq. 5 in one of MODES. Raises InputError for any other."""
         if mode not in MODES:
             raise InputError(f"mode {mode!r}: must be one of {', '.join(MODES)}")
-        return self.pull_distance_paper if mode == "paper" else self.pull_distance_foot
+        paper, foot = self.pull_distance_paper, self.pull_distance_foot
+        return {"paper": paper, "foot": foot, "between": 0.5 * (paper + foot)}[mode]
 
     def to_json(self, *, points: bool = False) -> dict[str, Any]:
         """Return plain numbers and lists; the point lists only if asked for."""
@@ -145,9 +146,10 @@ def wrinkles_of(line: Line, surface: Surface, profile: NoiseProfile, table: floa
     """Measure the wrinkle(s) along one linked ridge line.
 
     A line that no single curve fits (it turns back on itself) gives more than one. Lines without
-    enough triplets, lower than the sensor's noise, or falling off to one side only (the edge of a
-    cloth layer lying on another) give none. A triplet counts only where both feet of the ridge
-    stand on the garment: where the cloth rolls down to the table it is its rim.
+    enough triplets, too low for their length to be told from the sensor's noise, or falling off to
+    one side only (the edge of a cloth layer lying on another) give none. A triplet counts only where
+    both feet of the ridge stand on the garment: where the cloth rolls down to the table it is its
+    rim.
 
     Args:
         line: (n, 2) ordered (column, row) on the surface's grid.
@@ -218,15 +220,15 @@ def _curves(line: Line, surface: Surface, profile: NoiseProfile) -> list[tuple[L
     Degree 5 on an argument scaled to +-1; degree 2 when the line is short. A line that is not one
     y(x) is cut where it lies furthest from the chord between its ends.
     """
-    least = profile.wrinkle_length / surface.resolution
     centre = line.mean(axis=0)
     _, _, axes = np.linalg.svd(line - centre, full_matrices=False)
     along, aside = (line - centre) @ axes[0], (line - centre) @ axes[1]
     extent = float(np.ptp(along))
-    if extent < least:
+    if extent < profile.shortest_ridge / surface.resolution:
         return []
     scale = float(np.abs(along).max())
-    degree = 5 if extent >= QUINTIC_LENGTHS * least else 2
+    quintic = QUINTIC_LENGTHS * profile.wrinkle_length / surface.resolution
+    degree = 5 if extent >= quintic else 2
     fit = Polynomial.fit(along / scale, aside / scale, degree, domain=[-1.0, 1.0])
     misfit = float(np.sqrt(np.mean((fit(along / scale) * scale - aside) ** 2)))
     turned = float(
@@ -281,7 +283,7 @@ def _measure(
     pieces = np.linalg.norm(np.diff(ridge, axis=0), axis=1)
     length = float(pieces.sum())
     peak_height = float(np.median(_height_over(peaks, feet[0], feet[1])))
-    if length < profile.wrinkle_length or peak_height < max(profile.depth_noise, LEAST_PEAK):
+    if peak_height < max(profile.least_height(length), LEAST_PEAK):
         return None
     widths = np.linalg.norm(contours[1] - contours[0], axis=1)
     heights = triplet_height(

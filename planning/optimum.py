@@ -27,6 +27,21 @@ def jerk_free_time(
         tip_speed: limit of the tool centre points' speed, m/s, if the path has a `tip_rate`.
         gridpoints: of toppra's backward and forward passes.
     """
+    s, speed = jerk_free_profile(path, limits, tip_speed, gridpoints)
+    return float(np.sum(2.0 * np.diff(s) / (speed[1:] + speed[:-1])))
+
+
+def jerk_free_profile(
+    path: JointPath, limits: Limits, tip_speed: float | None = None, gridpoints: int = 200
+) -> tuple[Array, Array]:
+    """The path parameter at the grid points and the fastest ds/dt there, 1/s, both (gridpoints + 1,); ds^2/dt^2 is constant between.
+
+    Args:
+        path: the path.
+        limits: of velocity and acceleration.
+        tip_speed: as in `jerk_free_time`.
+        gridpoints: as in `jerk_free_time`.
+    """
     s = np.linspace(0.0, 1.0, gridpoints + 1)
     constraints = [
         toppra.constraint.JointVelocityConstraint(
@@ -47,7 +62,7 @@ def jerk_free_time(
         parametrizer="ParametrizeConstAccel",
     )
     _, speed, _ = problem.compute_parameterization(0.0, 0.0)
-    return float(np.sum(2.0 * np.diff(s) / (speed[1:] + speed[:-1])))
+    return s, np.asarray(speed)
 
 
 def jerk_free_line_time(start: Array, goal: Array, limits: Limits) -> float:

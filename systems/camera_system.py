@@ -30,6 +30,7 @@ SETTLE_TIME = 3.0
 OFF_BEAT = 5e-4
 #: What a camera can be made to do wrong: give nothing, a black picture, or noise alone.
 FAULTS = ("nothing", "black", "noise")
+_FAILED = "the depth camera gave no picture"
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,7 @@ class _Wait:
 
 
 class CameraSystem(LeafSystem):
-    """The head's two cameras, or the depth camera, whichever the scenario's sensor is.
+    """The head's two cameras, or the depth camera, whichever the scenario's sensor is; for the sensor `truth`, nothing is drawn.
 
     Inputs: `head` (`HeadStatus`), `head_angles` (4,) true, `position` and `velocity` (13,) of the
     axes, `cloth` (`ClothState`).
@@ -91,7 +92,8 @@ class CameraSystem(LeafSystem):
                     f"{', '.join(FAULTS)}"
                 )
         self._seed = seed
-        self._head_camera = cell.scenario.sensor.kind == "stereo"
+        self._kind = cell.scenario.sensor.kind
+        self._head_camera = self._kind == "stereo"
         self._photographer = CellPhotographer(cell, cloth, head, seed)
         self._head = self.DeclareAbstractInputPort("head", Value(HeadStatus(0, True, np.zeros(4))))
         self._angles = self.DeclareVectorInputPort("head_angles", BasicVector(4))
@@ -149,8 +151,11 @@ class CameraSystem(LeafSystem):
         number = head.number
         depth = DepthImage(number, None, now, "the depth camera is not in use")
         if not self._head_camera:
+            if self._kind == "truth":
+                depth = DepthImage(number, None, now, _FAILED if fault else "")
             unused = HeadImage(number, None, gaze, now, "the head's cameras are not in use")
-            depth = self._depth(number, posture, cloth, seed, now, fault)
+            if self._kind == "depth":
+                depth = self._depth(number, posture, cloth, seed, now, fault)
             return Exposure(unused, unused, depth, count)
         if fault == "nothing":
             none = HeadImage(number, None, gaze, now, "the camera gave no picture")
@@ -167,7 +172,7 @@ class CameraSystem(LeafSystem):
         self, number: int, posture: Posture, cloth: ClothState, seed: int, now: float, fault: str
     ) -> DepthImage:
         if fault == "nothing":
-            return DepthImage(number, None, now, "the depth camera gave no picture")
+            return DepthImage(number, None, now, _FAILED)
         try:
             capture = self._photographer.depth(posture, cloth, seed)
         except InputError as error:  # nothing in range: no picture

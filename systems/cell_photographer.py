@@ -57,6 +57,7 @@ class CellPhotographer:
         small = scaled_camera(head.left.camera, sensor.scale)
         self.shape = (small.height, small.width)
         self._scale = sensor.scale
+        self._model = noisier(SensorModel(), sensor.noise)
         self._mesh = ClothMesh(
             cloth.rest,
             cloth.triangles,
@@ -92,7 +93,7 @@ class CellPhotographer:
             (eyes[0], poses[0], eyes[1], poses[1]),
             seed,
             scale=self._scale / finer,
-            model=averaged(SensorModel(), finer),
+            model=averaged(self._model, finer),
             quality=_QUALITY if finer < 1.0 else None,
         )
         return pictures
@@ -124,6 +125,13 @@ class CellPhotographer:
         X_WR = self._head.turntable_pose(float(posture.axes[0]))
         mount = eye.unit.mount_pose(float(angles[0]), float(angles[1]))
         return np.asarray(X_WR @ eye.X_RB @ mount @ eye.X_MC)
+
+
+def noisier(model: SensorModel, factor: float) -> SensorModel:
+    """A sensor with so many times the noise, by standard deviation; all else alike."""
+    return dc.replace(
+        model, shot_gain=model.shot_gain * factor**2, read_noise=model.read_noise * factor
+    )
 
 
 def averaged(model: SensorModel, scale: float) -> SensorModel:

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.head import StereoHead
 from unwrinkle.planning.settings import PlannerSettings
@@ -11,9 +12,11 @@ from unwrinkle.systems.depth_perception import DepthPerception
 from unwrinkle.systems.flattening_planner import FlatteningPlanner
 from unwrinkle.systems.judgement import Memory
 from unwrinkle.systems.plan_verification import Approve, PlanVerification
+from unwrinkle.systems.simulated_world import SimulatedStation
 from unwrinkle.systems.stereo_perception import StereoPerception
 from unwrinkle.systems.supervisor import FlatteningSupervisor
 from unwrinkle.systems.supervisor_state import Situation, SupervisorSettings
+from unwrinkle.systems.true_perception import TruePerception
 from unwrinkle.systems.wrinkle_analysis import WrinkleAnalysis
 
 #: Names of the subsystems.
@@ -46,6 +49,10 @@ PICTURES = {
         (STATION, "head.right_image", PERCEPTION, "right_image"),
     ),
     "depth": ((STATION, "depth_camera.image", PERCEPTION, "image"),),
+    "truth": (
+        (STATION, "depth_camera.image", PERCEPTION, "image"),
+        (STATION, "truth.cloth", PERCEPTION, "cloth"),
+    ),
 }
 
 
@@ -82,17 +89,16 @@ def build_flattening_diagram(
         approve: asked about each plan that is safe; None approves.
         seed: of perception's random choices.
 
+    Raises:
+        InputError: the sensor looks at the truth, and the station is not simulated.
+
     Returns:
         A diagram with the input `interrupt`, vector (1,), which may be left unconnected. Its subsystems have the names
         above.
     """
     builder = DiagramBuilder()
     kind = cell.scenario.sensor.kind
-    perception = (
-        StereoPerception(cell, head, seed=seed)
-        if kind == "stereo"
-        else DepthPerception(cell, seed=seed)
-    )
+    perception = _perception(cell, station, head, seed)
     supervisor = FlatteningSupervisor(cell, head, settings=settings, memory=memory)
     systems = {
         STATION: station,
@@ -113,6 +119,18 @@ def build_flattening_diagram(
     diagram = builder.Build()
     diagram.set_name("flattening")
     return diagram
+
+
+def _perception(cell: Cell, station: Diagram, head: StereoHead, seed: int) -> LeafSystem:
+    kind = cell.scenario.sensor.kind
+    if kind == "stereo":
+        return StereoPerception(cell, head, seed=seed)
+    if kind == "depth":
+        return DepthPerception(cell, seed=seed)
+    if not isinstance(station, SimulatedStation):
+        raise InputError("sensor truth: only a simulated cloth is known; choose stereo or depth")
+    state = station.GetOutputPort("truth.cloth").Allocate().get_value()
+    return TruePerception(station.cloth, state, seed=seed)
 
 
 def situation(diagram: Diagram, context: Context) -> Situation:

@@ -1,7 +1,7 @@
 """The loop's judgement: which wrinkle next, with how many arms, and when to stop. Pure functions of values.
 
 - Flat: no wrinkle asks for the sensor's halting pull, and none is higher than the scenario's halting height.
-- The largest wrinkle first, with two arms; where there is no motion for it the next; then one arm, largest first.
+- The largest wrinkle first (or by another of `ordering`), with two arms; where there is no motion for it the next; then one arm, largest first.
 - A grasp that missed is tried again some times, then the wrinkle is left aside.
 - Two actions in a row that changed nothing: the next wrinkle; a third: one arm; a fourth: give up.
 - What was left aside counts again once an action has changed something.
@@ -13,12 +13,10 @@ import math
 from dataclasses import dataclass
 from typing import Any, Self
 
-import numpy as np
-
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.perception.analysis import Analysis
-from unwrinkle.perception.wrinkle import Wrinkle
+from unwrinkle.systems.ordering import flattened_together, highest_part, in_order
 from unwrinkle.systems.results import Shared
 
 #: Numbers of arms to try, in order, by the scenario's choice.
@@ -37,8 +35,6 @@ THICKEST_LAYER = 0.003
 MOST_BEYOND = 0.5
 #: A garment with more than this share of its outline along the table's edges hangs over them: not flat.
 MOST_ALONG_EDGE = 0.22
-#: Percentile of a ridge's crest that counts as its highest part.
-HIGHEST = 95.0
 
 #: Heights below this many standard deviations of a sensor's reading are no reason to pull.
 NOISES = 2.0
@@ -58,6 +54,8 @@ class SeenWrinkle:
         volume: argument of Eq. 4's logarithms, length times mean of width times height, mm^3.
         pull: Eq. 5, m.
         height: of its highest part over the line between its feet, m.
+        length: along its ridge line, m.
+        together: volume of all that a pull across it works on, mm^3; see `ordering`.
     """
 
     index: int
@@ -66,6 +64,8 @@ class SeenWrinkle:
     volume: float
     pull: float
     height: float
+    length: float = 0.0
+    together: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -109,6 +109,7 @@ class Sight(Shared):
 
 def sight_of(analysis: Analysis) -> Sight:
     """What counts of an analysis."""
+    together = flattened_together(analysis.wrinkles, analysis.section)
     return Sight(
         tuple(
             SeenWrinkle(
@@ -117,7 +118,9 @@ def sight_of(analysis: Analysis) -> Sight:
                 angle=math.atan2(wrinkle.direction[1], wrinkle.direction[0]),
                 volume=math.exp(wrinkle.volume_score),
                 pull=wrinkle.pull_distance(analysis.mode),
-                height=_highest(wrinkle),
+                height=highest_part(wrinkle),
+                length=wrinkle.length,
+                together=together[index],
             )
             for index, wrinkle in enumerate(analysis.wrinkles)
         ),
@@ -126,12 +129,6 @@ def sight_of(analysis: Analysis) -> Sight:
         analysis.share_beyond_table,
         analysis.share_along_edge,
     )
-
-
-def _highest(wrinkle: Wrinkle) -> float:
-    """Height of the highest part of a ridge: a wrinkle that runs out to the rim is highest there."""
-    crest = wrinkle.crests[:, 2]
-    return wrinkle.peak_height + float(np.percentile(crest, HIGHEST) - np.median(crest))
 
 
 @dataclass(frozen=True)
@@ -328,8 +325,9 @@ def decide(sight: Sight, memory: Memory, rules: LoopSettings) -> Pull | Stop:
         levels = levels[1:]
     if memory.idle >= GIVE_UP or not levels:
         return Stop(False, f"{memory.idle} actions in a row changed nothing{_reasons(memory)}")
+    ordered = in_order(worth, rules.order)
     for arms in levels:
-        for wrinkle in worth:
+        for wrinkle in ordered:
             if not any(item.arms == arms and item.is_of(wrinkle) for item in memory.tried):
                 return Pull(wrinkle, arms)
     return Stop(

@@ -20,11 +20,11 @@ class WrinkleAnalysis(LeafSystem):
     """Finds the wrinkles. Input: `range_map` (`Perceived`); output: `analysis` (`Analysed`)."""
 
     def __init__(self, cell: Cell) -> None:
-        """Take the table and the reading of Eq. 5 from the cell's scenario."""
+        """Take the table and how to pull (Eq. 5, the section) from the cell's scenario."""
         super().__init__()
         x, y, _ = (float(value) for value in cell.table_centre)
         width, depth = cell.scenario.table.size
-        self._table, self._mode = TableTop((x, y), (width, depth)), cell.scenario.loop.mode
+        self._table, self._rules = TableTop((x, y), (width, depth)), cell.scenario.loop
         port = self.DeclareAbstractInputPort("range_map", AbstractValue.Make(Perceived()))
         self.DeclareAbstractOutputPort(
             "analysis",
@@ -43,7 +43,13 @@ class WrinkleAnalysis(LeafSystem):
             return Analysed(number, None, perceived.reason)
         clock = time.perf_counter()
         try:
-            analysis = analyse(perceived.range_map, mode=self._mode, table=self._table)
+            analysis = analyse(
+                perceived.range_map,
+                mode=self._rules.mode,
+                table=self._table,
+                section=self._rules.section,
+                pull=self._rules.pull,
+            )
         except InputError as error:
             reason = f"look {number}: {' '.join(str(error).split())}"
             _log.info(reason)

@@ -54,6 +54,7 @@ class Choices:
     mode: str | None = None
     actions: int | None = None
     station: str | None = None
+    order: str | None = None
 
     def applied(self, scenario: Scenario) -> Scenario:
         """A scenario with these choices.
@@ -269,7 +270,7 @@ def _settings(scenario: Scenario, seed: int) -> RunSettings:
         texture=garment.texture,
         start=garment.start,
         seed=seed,
-        sensor="stereo" if sensor.kind == SENSORS["stereo"][0] else sensor.depth_camera,
+        sensor=sensor.depth_camera if sensor.kind == "depth" else sensor.kind,
         scale=sensor.scale,
         arms=loop.arms,
         mode=loop.mode,

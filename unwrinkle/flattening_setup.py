@@ -36,7 +36,12 @@ from unwrinkle.systems.supervisor_state import SupervisorSettings
 #: Forms of the station beside the plain simulation.
 LOOPBACK, HARDWARE = "loopback", "hardware"
 #: What `--sensor` may say, and what it means in a scenario: kind, depth camera.
-SENSORS = {"stereo": ("stereo", None), "xtion": ("depth", "xtion"), "tof": ("depth", "tof")}
+SENSORS = {
+    "stereo": ("stereo", None),
+    "xtion": ("depth", "xtion"),
+    "tof": ("depth", "tof"),
+    "truth": ("truth", None),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +81,7 @@ def with_choices(
     mode: str | None = None,
     actions: int | None = None,
     station: str | None = None,
+    order: str | None = None,
 ) -> Scenario:
     """A scenario with what the user chose instead of what it says; None keeps it.
 
@@ -94,7 +100,7 @@ def with_choices(
         scenario,
         station=changed(scenario.station, garment=worn, form=station),
         sensor=changed(scenario.sensor, kind=kind, depth_camera=camera, scale=scale),
-        loop=changed(scenario.loop, arms=arms, mode=mode, actions=actions),
+        loop=changed(scenario.loop, arms=arms, mode=mode, actions=actions, order=order),
     )
     return with_sensor(result, result.sensor.kind)
 

@@ -154,7 +154,9 @@ def _wrinkles(look: ReadLook) -> str:
     marked = (look.marked or {}).get("target", {}).get("wrinkle")
     rows = []
     for index, w in enumerate(found[:_LISTED]):
-        lengths = (w["length"], w["width"], w["peak_height"], w[f"pull_distance_{mode}"])
+        read = ("paper", "foot") if mode == "between" else (mode,)
+        pull = sum(w[f"pull_distance_{name}"] for name in read) / len(read)
+        lengths = (w["length"], w["width"], w["peak_height"], pull)
         cells = "".join(f"<td>{1e3 * value:.1f}</td>" for value in lengths)
         pulled = ' class="pulled"' if index == marked and look.acted else ""
         rows.append(

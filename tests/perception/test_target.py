@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from unwrinkle.models import InputError
-from unwrinkle.perception.target import STRETCH_LIMIT, FlatteningTarget, HandTarget
+from unwrinkle.perception.target import (
+    STRETCH_LIMIT,
+    STRETCH_MARGIN,
+    FlatteningTarget,
+    HandTarget,
+)
 
 
 def hand(sign=1.0, pull=0.01, **changes):
@@ -99,7 +104,19 @@ def test_pulling_further_stops_at_the_stretch_limit():
     ].pull_distance == pytest.approx(0.01)
 
 
-@pytest.mark.parametrize("how", [(0.9, 0.0), (1.0, -0.001), (float("nan"), 0.0)])
+def test_a_margin_keeps_the_grippers_within_the_limit():
+    further = target().pulled_further(3.0, 0.05, STRETCH_MARGIN)
+    assert further.final_grip_distance == pytest.approx(STRETCH_LIMIT * 0.42 - 0.001, abs=1e-9)
+    assert (
+        target().pulled_further(1.2, 0.001, STRETCH_MARGIN).to_json()
+        == target().pulled_further(1.2, 0.001).to_json()
+    )
+
+
+@pytest.mark.parametrize(
+    "how",
+    [(0.9, 0.0), (1.0, -0.001), (float("nan"), 0.0), (1.0, 0.0, -0.001), (1.0, 0.0, float("nan"))],
+)
 def test_pulling_less_far_is_refused(how):
     with pytest.raises(InputError, match="gain"):
         target().pulled_further(*how)

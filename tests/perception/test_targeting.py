@@ -1,3 +1,4 @@
+import dataclasses as dc
 import math
 
 import numpy as np
@@ -7,13 +8,21 @@ from unwrinkle.benchmarks.analysis import flat_map, map_of
 from unwrinkle.models import InputError
 from unwrinkle.perception.analysis import analyse
 from unwrinkle.perception.range_map import RangeMap
-from unwrinkle.perception.target import STRETCH_LIMIT, FlatteningTarget, NoTarget
+from unwrinkle.perception.target import (
+    MODES,
+    STRETCH_LIMIT,
+    STRETCH_MARGIN,
+    FlatteningTarget,
+    NoTarget,
+)
 from unwrinkle.perception.targeting import (
     GRASP_INSET,
     TableTop,
     flattening_target,
     garment_contour,
     section_length,
+    section_place,
+    section_start,
 )
 from unwrinkle.simulation.garments import Ridge, Towel
 
@@ -55,7 +64,7 @@ def test_geodesic_distance_is_the_sections_length():
 
 
 def test_each_hand_pulls_the_modes_distance():
-    for mode in ("paper", "foot"):
+    for mode in MODES:
         analysis = analysed(mode=mode)
         assert analysis.target.mode == mode
         for hand in analysis.target.hands:
@@ -70,6 +79,9 @@ def test_pull_is_limited_by_the_cloth_between_the_hands():
     pulls = [hand.pull_distance for hand in target.hands]
     assert pulls[0] == pulls[1] < analysis.wrinkles[0].pull_distance("foot")
     assert target.final_grip_distance == pytest.approx(STRETCH_LIMIT * target.geodesic_distance)
+    section = dc.replace(analysis, pull="section").target_for(0)
+    longest = STRETCH_LIMIT * target.geodesic_distance - STRETCH_MARGIN
+    assert section.final_grip_distance == pytest.approx(longest, abs=1e-9)
 
 
 def test_section_length_on_flat_cloth_is_the_distance():
@@ -134,6 +146,50 @@ def test_a_section_is_shifted_where_the_one_through_the_centre_fails():
 
 def test_an_unknown_mode_is_refused_and_a_centre_off_the_garment_is_a_reason():
     analysis = analysed()
-    with pytest.raises(InputError, match="mode"):
-        flattening_target(analysis.range_map, analysis.surface, analysis.wrinkles[0], mode="feet")
+    for wrong in ({"mode": "feet"}, {"section": "end"}, {"pull": "all"}):
+        with pytest.raises(InputError, match=next(iter(wrong))):
+            flattening_target(analysis.range_map, analysis.surface, analysis.wrinkles[0], **wrong)
     assert garment_contour(analysis.surface, np.array([0.24, -1.1])) is None
+
+
+def rising(shares, heights):
+    """A wrinkle that is as high as `heights` say at `shares` of its length, analysed both ways."""
+    towel = Towel(ridges=(Ridge(CENTRE, 0.0, 0.020, 0.0135, 0.2),), side=0.4, waviness=0.0)
+    seen = map_of(towel, 0.001, extent=0.5)
+    bare = map_of(dc.replace(towel, ridges=()), 0.001, extent=0.5)
+    x = seen.origin[0] + seen.resolution * np.arange(seen.shape[1])
+    factor = np.interp(x, -0.12 + 0.24 * np.array(shares), heights)
+    height = bare.height + (factor * (seen.height - bare.height)).astype(np.float32)
+    return dc.replace(seen, height=height)
+
+
+def test_the_section_goes_through_the_highest_part_where_asked():
+    seen = rising([0.0, 0.3, 0.45, 1.0], [0.6, 1.0, 0.6, 0.6])
+    highest = analyse(seen, section="highest")
+    centre = dc.replace(highest, section="centre").target_for(0)
+    (wrinkle,) = highest.wrinkles
+    place = section_place(wrinkle, "highest")
+    assert section_start(wrinkle, place)[0] == pytest.approx(-0.048, abs=0.012)
+    assert highest.target.p_WC[0] == pytest.approx(section_start(wrinkle, place)[0])
+    assert centre.p_WC[0] == wrinkle.centre[0] > highest.target.p_WC[0] + 0.02
+    assert highest.target_for(0).to_json() == highest.target.to_json()
+
+
+def test_the_highest_part_at_an_end_keeps_away_from_it():
+    (wrinkle,) = analyse(rising([0.0, 1.0], [0.4, 1.0])).wrinkles
+    place = section_place(wrinkle, "highest")
+    assert 0.3 < abs(place - 0.5) <= 0.4 and section_start(wrinkle, place)[0] > 0.05
+
+
+def test_all_slack_that_the_section_crosses_is_pulled_where_asked():
+    """Two parallel wrinkles: the section across one crosses the other too."""
+    ridges = tuple(Ridge((0.0, y), 0.0, 0.018, 0.011, 0.24) for y in (-1.17, -1.03))
+    seen = map_of(Towel(ridges=ridges, side=0.4, waviness=0.0), 0.001, extent=0.5)
+    both = analyse(seen, pull="section")
+    one = dc.replace(both, pull="wrinkle").target_for(0)
+    pulls = [found.hands[0].pull_distance for found in (one, both.target)]
+    assert pulls[0] == both.wrinkles[0].pull_distance("foot")
+    apart = np.hypot(*(both.target.hands[1].p_WG - both.target.hands[0].p_WG)[:2])
+    assert pulls[1] == pytest.approx(1.10 * (both.target.geodesic_distance - apart))
+    assert 1.7 * pulls[0] < pulls[1] < 2.6 * pulls[0]
+    assert both.target.final_grip_distance <= STRETCH_LIMIT * both.target.geodesic_distance + 1e-9

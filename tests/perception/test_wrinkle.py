@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from unwrinkle.benchmarks.analysis import flat_map, map_of
 from unwrinkle.models import InputError
 from unwrinkle.perception.analysis import analyse
+from unwrinkle.perception.noise import noise_profile
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.wrinkle import PULL_COEFFICIENT, triplet_height, volume_score
 from unwrinkle.simulation.garments import Ridge, Towel
@@ -82,6 +83,10 @@ def test_pull_distances_are_equation_5_in_both_readings():
     assert 0.90 * foot < wrinkle.pull_distance_foot < 1.02 * foot
     assert wrinkle.pull_distance_paper / wrinkle.pull_distance_foot == pytest.approx(0.43, abs=0.02)
     assert wrinkle.pull_distance("paper") == wrinkle.pull_distance_paper
+    assert wrinkle.pull_distance("between") == pytest.approx(0.5 * (paper + foot), rel=0.1)
+    assert (
+        wrinkle.pull_distance_paper < wrinkle.pull_distance("between") < wrinkle.pull_distance_foot
+    )
     with pytest.raises(InputError, match="mode"):
         wrinkle.pull_distance("feet")
 
@@ -115,19 +120,45 @@ def test_a_roll_at_the_rim_is_no_wrinkle():
     assert [w for w in wrinkles if w.centre[1] > -1.1 + 0.15] == []
 
 
-def test_noise_of_an_xtion_neither_widens_nor_flattens():
-    towel = Towel(ridges=(Ridge(CENTRE, 0.5, 0.014, 0.016, 0.3),), side=0.46)
-    flat = flat_map("xtion", 3)
+def xtion_sees(towel, seed):
+    """What an Xtion makes of a towel: blotches, steps of 3 mm, aslant."""
+    flat = flat_map("xtion", seed)
     clean = map_of(towel, 0.002, sensor="xtion", noise=0.0, extent=0.6)
     bare = map_of(replace(towel, ridges=()), 0.002, sensor="xtion", noise=0.0, extent=0.6)
     height = np.rint((flat.height + clean.height - bare.height) / 0.003) * 0.003
-    range_map = RangeMap(
+    return RangeMap(
         height.astype(np.float32), clean.valid, clean.garment, 0.002, clean.origin, 0.7, "xtion"
     )
-    wrinkle = analyse(range_map).wrinkles[0]
+
+
+def test_noise_of_an_xtion_neither_widens_nor_flattens():
+    towel = Towel(ridges=(Ridge(CENTRE, 0.5, 0.014, 0.016, 0.3),), side=0.46)
+    wrinkle = analyse(xtion_sees(towel, 3)).wrinkles[0]
     assert wrinkle.width == pytest.approx(0.032, abs=0.006)
     assert wrinkle.chord_height == pytest.approx(0.0055, abs=0.001)
     assert wrinkle.pull_distance_foot == pytest.approx(0.0057, abs=0.0012)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_xtion_is_not_blind_to_a_short_high_fold(seed):
+    """A loop ended as flat with a fold 25 mm high left: its ridge was 55 mm long, of 80 mm wanted."""
+    angle = 0.3 + 0.7 * seed
+    fold = Ridge((0.05, -1.2), angle, 0.025, 0.012, 0.055)
+    wrinkle, *others = analyse(
+        xtion_sees(Towel(ridges=(fold,), side=0.46, seed=seed), seed)
+    ).wrinkles
+    assert others == []
+    assert wrinkle.length < noise_profile("xtion").wrinkle_length
+    assert 0.015 < wrinkle.peak_height < 0.030
+    assert wrinkle.pull_distance_foot > 0.005
+    assert np.hypot(*(wrinkle.centre - np.array(fold.centre))) < 0.012
+    off = math.atan2(wrinkle.direction[1], wrinkle.direction[0]) - angle
+    assert abs((off + np.pi / 2) % np.pi - np.pi / 2) < math.radians(20.0)
+
+
+def test_an_xtion_takes_no_noise_for_short_folds():
+    found = [analyse(flat_map("xtion", seed)).wrinkles for seed in range(12)]
+    assert found == [()] * 12
 
 
 def test_json_has_points_only_if_asked():

@@ -20,7 +20,7 @@ from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.simulation.cloth_measures import height_map
 from unwrinkle.simulation.image_noise import SensorModel
 from unwrinkle.simulation.wrinkle_makers import ridge
-from unwrinkle.systems.cell_photographer import CellPhotographer, Posture, averaged
+from unwrinkle.systems.cell_photographer import CellPhotographer, Posture, averaged, noisier
 from unwrinkle.systems.head_system import ACCELERATION
 from unwrinkle.systems.ports import GripperCommand, HeadCommand, HeadImage, TrajectoryCommand
 from unwrinkle.systems.simulated_world import StationFaults
@@ -177,6 +177,28 @@ def test_averaging_a_sensor() -> None:
     half = averaged(model, 0.5)
     assert half.read_noise == pytest.approx(0.5 * model.read_noise)
     assert half.shot_gain == pytest.approx(0.25 * model.shot_gain)  # variance of a mean of four
+
+
+def test_the_noise_alone_is_scaled_and_once_is_the_sensors_own() -> None:
+    model = SensorModel()
+    assert noisier(model, 1.0) == model
+    twice, none = noisier(model, 2.0), noisier(model, 0.0)
+    assert twice.read_noise == pytest.approx(2.0 * model.read_noise)
+    assert twice.shot_gain == pytest.approx(4.0 * model.shot_gain)  # a variance per grey level
+    assert (none.read_noise, none.shot_gain, none.blur) == (0.0, 0.0, model.blur)
+
+
+def test_without_noise_all_seeds_give_one_picture(
+    station_cell: Cell, head: StereoHead, bench: Any
+) -> None:
+    scenario = dc.replace(
+        station_cell.scenario, sensor=dc.replace(station_cell.scenario.sensor, noise=0.0)
+    )
+    cloth, posture = bench.station.cloth, Posture(np.zeros(13), np.array([0.0, -0.22, 0.12, -0.22]))
+    photographer = CellPhotographer(dc.replace(station_cell, scenario=scenario), cloth, head, 3)
+    state = cloth.flat((0.0, -1.1))
+    first, other = (photographer.pair(posture, state, seed)[0] for seed in (1, 2))
+    assert (first == other).all() and first.std() > 1.0
 
 
 def test_the_depth_camera_is_the_only_one_then(make_bench: MakeBench, gaze: Gaze) -> None:

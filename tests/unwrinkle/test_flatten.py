@@ -96,11 +96,17 @@ def test_going_on_with_nothing(run: Run) -> None:
 
 def test_scenario_text_is_the_scenario(tmp_path: Path) -> None:
     chosen = with_choices(
-        load_scenario(), garment="tshirt", sensor="xtion", actions=3, mode="paper"
+        load_scenario(),
+        garment="tshirt",
+        sensor="xtion",
+        actions=3,
+        mode="between",
+        order="together",
     )
     path = tmp_path / "scenario.yaml"
     path.write_text(scenario_text(chosen), encoding="utf-8")
     assert load_scenario(path) == chosen and chosen.sensor.kind == "depth"
+    assert (chosen.loop.mode, chosen.loop.order) == ("between", "together")
 
 
 @pytest.mark.slow

@@ -50,7 +50,7 @@ SensorOption = Annotated[
     str | None,
     typer.Option(help="Noise profile: stereo, stereo-head, xtion, tof (default: the camera's)."),
 ]
-ModeOption = Annotated[str, typer.Option(help="Pull distance: foot (all slack) or paper.")]
+ModeOption = Annotated[str, typer.Option(help="Pull distance: foot (all slack), paper or between.")]
 OutOption = Annotated[
     Path | None, typer.Option(help="Folder for the results [out/<name of the capture>].")
 ]

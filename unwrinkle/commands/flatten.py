@@ -44,7 +44,14 @@ def flatten(
         str | None, typer.Option(help="any (two if possible), dual or single [the scenario's].")
     ] = None,
     mode: Annotated[
-        str | None, typer.Option(help="Pull distance: foot (all slack) or paper.")
+        str | None,
+        typer.Option(help="Pull distance: foot (all slack), paper or between [the scenario's]."),
+    ] = None,
+    order: Annotated[
+        str | None,
+        typer.Option(
+            help="Which wrinkle first: volume, pull, height, length or together [the scenario's]."
+        ),
     ] = None,
     actions: Annotated[
         int | None, typer.Option(min=0, help="Most actions [the scenario's].")
@@ -86,7 +93,9 @@ def flatten(
     from unwrinkle.flattening_session import Choices, begin, go_on
 
     console = Console()
-    choices = Choices(garment, start, texture, seed, sensor, scale, arms, mode, actions, station)
+    choices = Choices(
+        garment, start, texture, seed, sensor, scale, arms, mode, actions, station, order
+    )
     where, approve = _devices(site, go, console)
     if resume is not None:
         if scenario is not None or out is not None:
