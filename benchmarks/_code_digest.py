@@ -8,30 +8,38 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.loader_yaml import models_dir
 
-#: Whose files decide how the simulated cell and what works in it behave.
-PRODUCT = ("models", "perception", "planning", "simulation", "hardware", "systems")
-_KINDS = ("*.py", "*.yaml", "*.urdf", "*.sdf")
+_PACKAGE = "unwrinkle"
+_DATA = ("*.yaml", "*.urdf", "*.sdf")
 
 
 @functools.cache
 def code_digest(module: str) -> str:
-    """SHA-256 over the product's sources and models, a benchmark module, and the benchmark modules it imports.
+    """SHA-256 over a module, all modules of this package that it imports, and all data of `models`.
 
-    Files count by their names within the package, not by where it is installed.
+    Imports inside functions count, and those of the imported. Files count by their names within the package, not by where
+    it is installed.
 
     Args:
-        module: dotted name, below `unwrinkle.benchmarks`.
+        module: dotted name.
 
     Raises:
         InputError: there is no such module.
     """
-    files = {}
-    for name in PRODUCT:
-        root = _location(f"unwrinkle.{name}")
-        for kind in _KINDS:
-            files.update({f"{name}/{p.relative_to(root)}": p for p in root.rglob(kind)})
-    files.update({name: _location(name) for name in _closure(module)})
+    if _file(module) is None:
+        raise InputError(f"{module}: no such module")
+    root = models_dir()
+    files = {str(path.relative_to(root)): path for kind in _DATA for path in root.rglob(kind)}
+    todo = [module]
+    while todo:
+        name = todo.pop()
+        path = _file(name)
+        if name in files or path is None:
+            continue
+        files[name] = path
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        todo += [wanted for wanted in _imported(tree) if wanted.startswith(f"{_PACKAGE}.")]
     digest = hashlib.sha256()
     for name in sorted(files):
         digest.update(name.encode())
@@ -39,32 +47,21 @@ def code_digest(module: str) -> str:
     return digest.hexdigest()
 
 
-def _location(name: str) -> Path:
-    """A package's folder or a module's file."""
-    spec = importlib.util.find_spec(name)
-    if spec is None or spec.origin is None:
-        raise InputError(f"{name}: no such module")
-    path = Path(spec.origin)
-    return path.parent if spec.submodule_search_locations else path
-
-
-def _closure(module: str) -> set[str]:
-    """A module and the modules of its package that it imports, directly or through others."""
-    package = module.rpartition(".")[0]
-    found, todo = set[str](), [module]
-    while todo:
-        name = todo.pop()
-        if name in found:
-            continue
-        found.add(name)
-        tree = ast.parse(_location(name).read_text(encoding="utf-8"))
-        todo += [wanted for wanted in _imported(tree) if wanted.startswith(f"{package}.")]
-    return found
+@functools.cache
+def _file(name: str) -> Path | None:
+    """A module's file, a package's `__init__.py`; None where there is no such module."""
+    try:
+        spec = importlib.util.find_spec(name)
+    except ModuleNotFoundError:
+        return None
+    return None if spec is None or spec.origin is None else Path(spec.origin)
 
 
 def _imported(tree: ast.AST) -> Iterator[str]:
+    """Dotted names that are imported, submodules among them; some are no modules but what is in one."""
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.module is not None and node.level == 0:
             yield node.module
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
         elif isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)

@@ -1,0 +1,217 @@
+"""The closed loop in the simulated cell as a board's row: one run, in this process, judged by the true cloth."""
+
+import dataclasses as dc
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+
+from unwrinkle.models.archive import save_archive
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.robot import load_cell
+from unwrinkle.models.scenario import Scenario, load_scenario, with_sensor
+from unwrinkle.perception.head_file import nominal_calibration
+from unwrinkle.perception.warm_up import ensure_compiled
+from unwrinkle.simulation import wrinkle_makers
+from unwrinkle.simulation.cloth import Cloth, ClothState
+from unwrinkle.simulation.cloth_measures import TruthMeasures, measure
+from unwrinkle.systems import supervisor_state as states
+from unwrinkle.systems.flattening_diagram import build_flattening_diagram, situation
+from unwrinkle.systems.sim_station import build_sim_station
+from unwrinkle.systems.simulated_world import simulated_cloth
+from unwrinkle.systems.supervisor_state import Action, Situation
+
+#: A garment whose highest point is no higher than this above flat is flat in truth, m (the published halt, 0.5 cm).
+FLAT = 0.005
+#: Most looks of one run beside its actions: looks that show nothing end a run by themselves.
+_MOST_PERIODS = 400_000
+VERTICES = "vertices.npz"
+
+_STARTS: dict[str, Callable[..., ClothState]] = {
+    "ridge": wrinkle_makers.ridge,
+    "bunched": wrinkle_makers.bunched,
+    "pinched": wrinkle_makers.pinched,
+    "dropped": wrinkle_makers.dropped,
+}
+
+
+def flattened(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Run the loop to its end.
+
+    Args:
+        settings: `scenario` (what differs from the shipped one, nested as in the file), `seed` (of every random choice in
+            the loop), `start` (`kind` and the arguments of `wrinkle_makers`' function of that name) and `material`
+            (values that differ from the scenario's cloth, which the start is still made of).
+        folder: takes the cloth's vertices before the first and after each action, `vertices.npz`.
+
+    Returns:
+        How it ended (`status`, `reason`), `actions` (carried out), by true cloth `heights` (m), `coverages`,
+        `overstretch` (each before the first and after every action), `rni_truth` (actions until the highest point was
+        below FLAT; None where it never was), `dual`, `single`, `missed` (of the actions), `dual_wanted`, `dual_found` (motions
+        for two arms that were looked for, and that were found and verified), `looks` (one entry each).
+    """
+    scenario = changed(load_scenario(), settings.get("scenario", {}))
+    scenario = with_sensor(scenario, scenario.sensor.kind)
+    if scenario.sensor.kind == "stereo":
+        ensure_compiled()
+    cell, seed = load_cell(scenario), int(settings["seed"])
+    cloth = simulated_cloth(cell)
+    start = start_of(cloth, scenario, settings["start"])
+    if settings.get("material"):
+        cloth = Cloth(cloth.outline, cloth.material.changed(**settings["material"]), cloth.support)
+        start = cloth.settle(dc.replace(start, asleep=False, quiet=0.0))
+    head = nominal_calibration().stereo_head(cell.limits.head)
+    station = build_sim_station(cell, cloth, start, head=head, seed=seed)
+    diagram = build_flattening_diagram(cell, station, head, seed=seed)
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    diagram.GetInputPort("interrupt").FixValue(context, [0.0])
+    simulator.Initialize()
+    record, truth = _Record(cloth), station.GetOutputPort("truth.cloth")
+    period = scenario.station.feedback_period
+    before = situation(diagram, context)
+    for step in range(1, _MOST_PERIODS):
+        clock = time.perf_counter()
+        simulator.AdvanceTo(step * period)
+        now = situation(diagram, context)
+        spent = time.perf_counter() - clock
+        record.note(before, now, spent, truth.Eval(station.GetMyContextFromRoot(context)))
+        before = now
+        if now.over:
+            break
+    else:
+        raise InputError(f"seed {seed}: the loop does not come to an end")
+    record.keep(folder)
+    return record.result(before)
+
+
+def start_of(cloth: Cloth, scenario: Scenario, start: dict[str, Any]) -> ClothState:
+    """How a cloth lies at first, its clock at 0.
+
+    Args:
+        cloth: the cloth.
+        scenario: says where on the table.
+        start: `kind`, and the arguments of `wrinkle_makers`' function of that name.
+
+    Raises:
+        InputError: an unknown kind, or values that its maker refuses.
+    """
+    values = dict(start)
+    kind = values.pop("kind", None)
+    x, y = scenario.garment_centre
+    if kind == "flat":
+        return cloth.flat((x, y), **values)
+    if kind not in _STARTS:
+        raise InputError(f"start {kind!r}: unknown; known are flat, {', '.join(_STARTS)}")
+    return dc.replace(_STARTS[kind](cloth, (x, y), **values), time=0.0)
+
+
+def changed(value: Any, changes: dict[str, Any]) -> Any:
+    """A dataclass with other values, nested ones changed in turn.
+
+    Raises:
+        InputError: it has no such field.
+    """
+    known = {field.name for field in dc.fields(value)}
+    unknown = sorted(set(changes) - known)
+    if unknown:
+        raise InputError(f"{type(value).__name__} has no {', '.join(unknown)}")
+    return dc.replace(
+        value,
+        **{
+            name: changed(getattr(value, name), new) if isinstance(new, dict) else new
+            for name, new in changes.items()
+        },
+    )
+
+
+class _Record:
+    """What is noted of a run, period by period."""
+
+    def __init__(self, cloth: Cloth) -> None:
+        self._cloth = cloth
+        self._truth: list[TruthMeasures] = []
+        self._vertices: list[NDArray[np.float32]] = []
+        self._looks: list[dict[str, Any]] = []
+        self._seconds: dict[str, float] = {}
+
+    def note(self, before: Situation, now: Situation, spent: float, cloth: ClothState) -> None:
+        mode = before.mode
+        self._seconds[mode] = self._seconds.get(mode, 0.0) + spent
+        if before.mode == states.LOOK and now.mode == states.PERCEIVE:
+            self._measure(now.memory.actions, cloth)
+        if now.finished is not before.finished:
+            assert now.finished is not None
+            self._end(now.finished)
+        elif now.over:
+            self._end(now.action)
+            self._measure(now.memory.actions, cloth)
+
+    def _measure(self, actions: int, cloth: ClothState) -> None:
+        """The cloth at rest after so many actions; of several looks without an action between, the last."""
+        truth, vertices = measure(self._cloth, cloth), self._cloth.vertices(cloth)
+        del self._truth[actions:], self._vertices[actions:]
+        self._truth.append(truth)
+        self._vertices.append(vertices.astype(np.float32))
+
+    def _end(self, action: Action) -> None:
+        plan = None
+        if action.planned is not None and action.planned.result is not None:
+            plan = action.planned.result.plan
+        seconds = {
+            "look": self._seconds.get(states.LOOK, 0.0),
+            "perception": 0.0 if action.perceived is None else action.perceived.seconds,
+            "analysis": 0.0 if action.analysed is None else action.analysed.seconds,
+            "planning": self._seconds.get(states.PLAN, 0.0),
+            "verification": self._seconds.get(states.CONFIRM, 0.0),
+            "motion": sum(
+                self._seconds.get(m, 0.0) for m in (states.MOVE, states.GRIP, states.RETREAT)
+            ),
+        }
+        arms = [] if plan is None else [arm is not None for arm in plan.arms]
+        self._looks.append(
+            {
+                "outcome": action.outcome,
+                "reason": action.reason,
+                "arms": sum(arms),
+                "wrinkle": None if action.pull is None else action.pull.wrinkle.index,
+                "asked": None if action.pull is None else action.pull.arms,
+                "pull": None if plan is None else plan.target.hands[0].pull_distance,
+                "wrinkles": 0 if action.sight is None else len(action.sight.wrinkles),
+                "refusals": [dc.asdict(refusal) for refusal in action.refusals],
+                "seconds": seconds,
+                "total": sum(self._seconds.values()),
+            }
+        )
+        self._seconds = {}
+
+    def keep(self, folder: Path) -> None:
+        arrays: dict[str, NDArray[Any]] = {f"v{n}": v for n, v in enumerate(self._vertices)}
+        arrays["triangles"] = self._cloth.triangles
+        header = {"format": "unwrinkle.vertices", "flat_height": self._cloth.flat_height}
+        save_archive(folder / VERTICES, header, arrays)
+
+    def result(self, last: Situation) -> dict[str, Any]:
+        pulls = [look for look in self._looks if look["outcome"] in ("done", "missed")]
+        refused = [r for look in self._looks for r in look["refusals"] if r["arms"] == "dual"]
+        dual = sum(look["asked"] == "dual" for look in pulls)
+        heights = [truth.height for truth in self._truth]
+        return {
+            "status": last.status,
+            "reason": last.reason,
+            "actions": last.memory.actions,
+            "heights": heights,
+            "coverages": [truth.coverage for truth in self._truth],
+            "overstretch": [truth.overstretch for truth in self._truth],
+            "rni_truth": next((n for n, height in enumerate(heights) if height <= FLAT), None),
+            "dual": sum(look["arms"] == 2 for look in pulls),
+            "single": sum(look["arms"] == 1 for look in pulls),
+            "missed": sum(look["outcome"] == "missed" for look in pulls),
+            "dual_wanted": dual + len(refused),
+            "dual_found": dual,
+            "looks": self._looks,
+        }

@@ -1,0 +1,123 @@
+"""The boards of Tables I and II, on runs made up for them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from unwrinkle.benchmarks import table1, table2
+from unwrinkle.benchmarks._rows import Row
+
+
+def told(done: int, total: int, stage: str) -> None:
+    """Take no notice."""
+
+
+def made_up(row: Row, *, actions: int, height: float, arms: int = 2, status: str = "flat") -> Any:
+    look = {"outcome": "done", "arms": arms, "seconds": {"look": 4.0}, "total": 7.0}
+    heights = [0.02] * actions + [height]
+    return {
+        "name": row.name,
+        "folder": "nowhere",
+        "settings": row.settings,
+        "status": status,
+        "actions": actions,
+        "heights": heights,
+        "coverages": [0.9] * actions + [0.99],
+        "overstretch": [0.0] * actions + [0.02],
+        "rni_truth": actions if height <= 0.005 else None,
+        "dual": actions * (arms == 2),
+        "single": actions * (arms == 1),
+        "missed": 0,
+        "dual_wanted": actions,
+        "dual_found": actions * (arms == 2),
+        "looks": [dict(look) for _ in range(actions)],
+    }
+
+
+def table2_run(monkeypatch: pytest.MonkeyPatch, counts: dict[str, int]) -> dict[str, Any]:
+    def rows(board: str, wanted: Sequence[Row], progress: Any) -> list[Any]:
+        assert board == "table2"
+        found = []
+        for row in wanted:
+            cell, _, seed = row.name.rpartition("-")
+            stereo = "stereo" in cell
+            height = 0.003 if stereo or int(seed) % 2 else 0.009
+            found.append(made_up(row, actions=counts[cell] + int(seed) % 2, height=height))
+        return found
+
+    monkeypatch.setattr(table2, "run_rows", rows)
+    return table2.run(quick=False, seed=0, progress=told)
+
+
+COUNTS = {
+    "dual_stereo": 2,
+    "single_stereo": 6,
+    "dual_xtion": 8,
+    "single_xtion": 10,
+    "dual_stereo_together": 1,
+    "dual_xtion_together": 2,
+}
+
+
+def test_cells_are_paired_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    results = table2_run(monkeypatch, COUNTS)
+    starts = {cell: [run["settings"]["start"] for run in results["runs"][cell]] for cell in COUNTS}
+    assert all(of == starts["dual_stereo"] for of in starts.values())
+    assert results["dual_stereo"]["rni_mean"] == pytest.approx(2.5)
+    assert results["dual_stereo"]["dual_success"] == 1.0
+    assert results["dual_xtion"]["flat_by_truth"] == 5
+    assert results["dual_xtion"]["rni_truth_mean"] == pytest.approx(9.0)
+    assert results["order_kept"] == {"rni_mean": True, "rni_truth_mean": True}
+    page = table2.table(results)
+    assert "| dual-arm, stereo: mean RNI at most 3.5 | 2.5 | yes |" in page
+    assert "simulated" in page.splitlines()[0]
+
+
+def test_a_missed_target_is_called_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+    results = table2_run(monkeypatch, COUNTS | {"dual_stereo": 7, "single_xtion": 1})
+    page = table2.table(results)
+    assert "| dual-arm, stereo: mean RNI at most 3.5 | 7.5 | no |" in page
+    assert "| dual-arm, stereo: below the published 4.7 | 7.5 | no |" in page
+    assert "| order of the cells, by the detector | not kept | no |" in page
+
+
+def table1_run(monkeypatch: pytest.MonkeyPatch, spoilt: str) -> dict[str, Any]:
+    def rows(board: str, wanted: Sequence[Row], progress: Any) -> list[Any]:
+        return [
+            made_up(
+                row, actions=1 + (row.name == spoilt), height=0.002, arms=2 - (row.name == spoilt)
+            )
+            for row in wanted
+        ]
+
+    monkeypatch.setattr(table1, "run_rows", rows)
+    return table1.run(quick=False, seed=0, progress=told)
+
+
+def test_every_direction_has_its_repeats(monkeypatch: pytest.MonkeyPatch) -> None:
+    results = table1_run(monkeypatch, "none")
+    for reading in ("forward", "lateral"):
+        assert results[reading]["runs"] == 40 and len(results[reading]["directions"]) == 8
+        assert results[reading]["dual_success"] == 1.0 and results[reading]["rni_one"] == 40
+    starts = [str(run["settings"]["start"]) for run in results["runs"]["forward"]]
+    assert len(set(starts)) == 40
+    assert "| RNI 1 everywhere (forward) | 40 of 40 | yes |" in table1.table(results)
+
+
+def test_a_second_action_and_a_single_arm_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    results = table1_run(monkeypatch, "lateral-+45.0-2")
+    page = table1.table(results)
+    assert results["lateral"]["dual_least"] == pytest.approx(0.8)
+    assert "| RNI 1 everywhere (lateral) | 39 of 40 | no |" in page
+    assert "| lateral-+45.0-2 | flat | 2 | 1 |" in page
+
+
+@pytest.mark.parametrize("board", [table1, table2])
+def test_figures_are_drawn_without_the_runs_folders(
+    board: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    made = table1_run(monkeypatch, "none") if board is table1 else table2_run(monkeypatch, COUNTS)
+    board.plot(made, tmp_path / "figure.png")
+    assert (tmp_path / "figure.png").stat().st_size > 10_000
