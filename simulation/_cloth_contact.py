@@ -10,6 +10,8 @@ from unwrinkle.simulation._cloth_yarns import Rows
 _X, _Y, _Z, _W = offset("x"), offset("y"), offset("z"), offset("w")
 _PX, _PY, _PZ = offset("px"), offset("py"), offset("pz")
 OVERFLOW = -1
+#: Cells of the search grid per node, beyond which the cloth flew apart: flat it has about one.
+MOST_CELLS = 64
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -62,7 +64,7 @@ def find_pairs(
     pairs: NDArray[np.uint64],
     sides: NDArray[np.float64],
 ) -> int:
-    """List node-triangle pairs closer than `reach`; return how many, or OVERFLOW.
+    """List node-triangle pairs closer than `reach`; return how many, or OVERFLOW where that is too many or no cloth any more.
 
     Pairs closer than `apart` in the flat cloth are neighbours and left out. The side of the triangle
     that the node is on is remembered, so that it is pushed back to it.
@@ -84,10 +86,14 @@ def find_pairs(
     high_x = high_y = -np.inf
     for k in range(count):
         x, y = rows[_X + nodes[k]], rows[_Y + nodes[k]]
+        if not (abs(x) < np.inf and abs(y) < np.inf):
+            return OVERFLOW
         low_x, high_x = min(low_x, x), max(high_x, x)
         low_y, high_y = min(low_y, y), max(high_y, y)
-    across = int((high_x - low_x) / cell) + 1
-    along = int((high_y - low_y) / cell) + 1
+    wide, deep = (high_x - low_x) / cell + 1.0, (high_y - low_y) / cell + 1.0
+    if not wide * deep <= MOST_CELLS * count:
+        return OVERFLOW
+    across, along = int(wide), int(deep)
     first = np.zeros(across * along + 1, np.int32)
     bins = np.empty(count, np.int32)
     for k in range(count):

@@ -74,7 +74,7 @@ class ClothMemory:
         """Advance by `count` substeps while the held nodes go from `begin` to `end`, (k, 3), m.
 
         Raises:
-            ClothError: it touches itself in more places than a cloth can.
+            ClothError: it touches itself in more places than a cloth can, or it flew apart.
         """
         arrays = self._arrays
         found = substeps(
@@ -103,8 +103,8 @@ class ClothMemory:
         )
         if found == OVERFLOW:
             raise ClothError(
-                f"cloth: touches itself in more than {len(self._pairs)} places; it is a knot, or the "
-                "solver failed: take a shorter time step"
+                f"cloth: touches itself in more than {len(self._pairs)} places, or flew apart; it is a knot, or "
+                "the solver failed: take a shorter time step or slower hands"
             )
 
     def places(self) -> NDArray[np.float64]:

@@ -199,7 +199,7 @@ def substeps(
     pairs: NDArray[np.uint64],
     sides: NDArray[np.float64],
 ) -> int:
-    """Advance the cloth by `count` substeps; return the number of self-contact pairs, or OVERFLOW.
+    """Advance the cloth by `count` substeps; return the number of self-contact pairs, or OVERFLOW if they are too many or it flew apart.
 
     Args:
         rows: the cloth, (nx rows); its state and constants, changed in place.

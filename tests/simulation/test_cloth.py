@@ -29,6 +29,15 @@ def lifted(cloth: Cloth) -> ClothState:
     return carry(cloth, state, ((0.05, 0.05, 0.06), None), 0.4)
 
 
+def test_a_cloth_that_flew_apart_is_an_error_of_the_cloth(cloth: Cloth) -> None:
+    flat = cloth.flat(CENTRE)
+    velocities = flat.velocities.copy()
+    velocities[:, ::7] = 1e9 * np.resize([1.0, -1.0], velocities[:, ::7].shape)
+    flung = dc.replace(flat, velocities=velocities, asleep=False)
+    with pytest.raises(ClothError, match="flew apart"):
+        cloth.advance(flung, 0.1)
+
+
 def pose(p: Any, yaw: float = 0.0) -> np.ndarray:
     X = np.eye(4)
     X[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
