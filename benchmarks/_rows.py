@@ -5,10 +5,12 @@ import importlib
 import json
 import multiprocessing
 import os
+import queue
+import threading
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, cast
 
@@ -48,6 +50,9 @@ class Row:
         return ROOT / digest[:12] / board / f"{self.name}-{key}"
 
 
+_Task = tuple[Row, Path]
+
+
 def run_rows(
     board: str, wanted: Sequence[Row], progress: Progress, *, workers: int | None = None
 ) -> list[dict[str, Any]]:
@@ -74,22 +79,11 @@ def run_rows(
     done = len(wanted) - len(missing)
     progress(done, len(wanted), board)
     failed: list[str] = []
-    if missing:
-        workers = min(len(missing), workers or len(os.sched_getaffinity(0)))
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(
-            workers, mp_context=context, max_tasks_per_child=_ROWS_PER_PROCESS
-        ) as pool:
-            futures = {pool.submit(_work_out, row, folder): row for row, folder in missing}
-            try:
-                for row, error in _finished(futures):
-                    done += 1
-                    progress(done, len(wanted), row.name)
-                    if error is not None:
-                        failed.append(f"{row.name}: {type(error).__name__}: {error}")
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+    for row, error in _worked_out(missing, workers or len(os.sched_getaffinity(0))):
+        done += 1
+        progress(done, len(wanted), row.name)
+        if error:
+            failed.append(f"{row.name}: {error}")
     if failed:
         raise InputError(
             f"{board}: {len(failed)} of {len(wanted)} rows failed, the first {failed[0]}; the others are "
@@ -101,13 +95,75 @@ def run_rows(
     ]
 
 
-def _finished(futures: dict[Future[None], Row]) -> Any:
-    """Yield each row with its error, or None, as it ends."""
-    left = set(futures)
-    while left:
-        ended, left = wait(left, return_when=FIRST_COMPLETED)
-        for future in ended:
-            yield futures[future], future.exception()
+def _worked_out(missing: list[_Task], workers: int) -> Iterator[tuple[Row, str]]:
+    """Yield each row with its error, or nothing, as it ends.
+
+    Not `ProcessPoolExecutor`: Python 3.11's may hang once it has to replace its processes.
+    """
+    todo, ended = queue.SimpleQueue[_Task](), queue.SimpleQueue[tuple[Row, str]]()
+    for task in missing:
+        todo.put(task)
+    left = threading.Event()
+    threads = [
+        threading.Thread(target=_serve, args=(todo, ended, left), daemon=True)
+        for _ in range(min(workers, len(missing)))
+    ]
+    for thread in threads:
+        thread.start()
+    try:
+        for _ in missing:
+            yield ended.get()
+    finally:
+        left.set()
+
+
+def _serve(
+    todo: queue.SimpleQueue[_Task],
+    ended: queue.SimpleQueue[tuple[Row, str]],
+    left: threading.Event,
+) -> None:
+    """Have rows worked out by one process after another, until none is left or nobody waits for them."""
+    context = multiprocessing.get_context("spawn")
+    while not left.is_set() and not todo.empty():
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_work, args=(theirs,), daemon=True)
+        process.start()
+        theirs.close()
+        for _ in range(_ROWS_PER_PROCESS):
+            try:
+                row, folder = todo.get_nowait()
+            except queue.Empty:
+                break
+            error = _ask(ours, row, folder)
+            ended.put((row, error))
+            if error:
+                break
+        ours.close()
+        process.join()
+
+
+def _ask(pipe: Connection, row: Row, folder: Path) -> str:
+    """Have one row worked out at the other end; what went wrong."""
+    try:
+        pipe.send((row, folder))
+        return str(pipe.recv())
+    except (EOFError, OSError):
+        return "its process died; is there too little memory?"
+
+
+def _work(pipe: Connection) -> None:
+    """Work out the rows that come, until no more do."""
+    while True:
+        try:
+            row, folder = pipe.recv()
+        except EOFError:
+            return
+        try:
+            _work_out(row, folder)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the other rows go on
+            pipe.send(f"{type(error).__name__}: {error}")
+        else:
+            pipe.send("")
 
 
 def _work_out(row: Row, folder: Path) -> None:

@@ -71,3 +71,24 @@ def test_digest_follows_what_is_imported() -> None:
     assert loop != statistics and len(loop) == 64
     with pytest.raises(InputError, match="no such module"):
         code_digest("unwrinkle.benchmarks.nothing")
+
+
+def test_more_rows_than_processes_may_serve_come_to_an_end(rows: list[Row]) -> None:
+    many = [
+        Row(f"row-{k}", rows[0].work, {**rows[0].settings, "name": "m", "value": k})
+        for k in range(7)
+    ]
+    done = run_rows("many", many, Told(), workers=2)
+    assert [row["twice"] for row in done] == [2 * k for k in range(7)]
+
+
+def test_a_process_that_dies_is_a_row_that_failed(
+    rows: list[Row], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "code" / "deadly_work.py").write_text(
+        "import os\n\ndef work(settings, folder):\n    os._exit(9)\n"
+    )
+    row = Row("gone", "deadly_work:work", {})
+    with pytest.raises(InputError, match="gone: its process died"):
+        run_rows("probe", [row, rows[0]], Told(), workers=1)
+    assert (rows[0].folder("probe") / "row.json").exists()
