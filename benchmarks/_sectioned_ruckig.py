@@ -33,6 +33,14 @@ def sectioned_ruckig_time(
     path: JointPath, limits: Limits, tip_speed: float | None = None
 ) -> float | None:
     """Duration of a path from rest to rest, s; None if no set of sections was found to hold the limits."""
+    found = sectioned_ruckig(path, limits, tip_speed)
+    return None if found is None else float(sum(motion.duration for _, motion in found))
+
+
+def sectioned_ruckig(
+    path: JointPath, limits: Limits, tip_speed: float | None = None
+) -> list[tuple[float, ruckig.Trajectory]] | None:
+    """Sections of the motion: the path parameter at each one's begin, and its one-axis motion from 0; None as above."""
     s, speed = _profile(path, limits, tip_speed)
     cuts = _minima(speed)
     sections = [_Section.over(path, limits, s, speed, a, b) for a, b in pairwise(cuts)]
@@ -55,7 +63,7 @@ def sectioned_ruckig_time(
             [x.worst(m, path, limits, tip_speed) for x, m in zip(sections, found, strict=True)]
         )
         if worst.max() <= 1.001:
-            return float(sum(motion.duration for motion in found))
+            return [(x.begin, motion) for x, motion in zip(sections, found, strict=True)]
         slow /= np.where(worst > 1.001, np.minimum(worst, 1.35), 1.0)
     return None
 
