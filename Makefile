@@ -24,7 +24,10 @@ flatten: $(VENV)/ready
 	$(BIN)/unwrinkle flatten
 
 test: lint type
-	PYTHONPATH=$(INSTALLED) $(BIN)/pytest
+	status=0; export PYTHONPATH=$(INSTALLED); \
+	$(BIN)/pytest -m alone || status=1; \
+	$(BIN)/pytest -m "not alone" --numprocesses 2 --dist loadfile || status=1; \
+	exit $$status
 
 lint: $(VENV)/ready
 	$(BIN)/ruff check .

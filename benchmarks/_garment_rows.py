@@ -29,7 +29,7 @@ LOOPS: dict[str, dict[str, Any]] = {
 METHODS = (*LOOPS, *POLICIES)
 STARTS = ("bunched", "pinched")
 #: Each of the cloth that it is usually made of, on a grid that lets the board end within hours.
-NODES = 60
+NODES = 50
 GARMENTS: dict[str, dict[str, Any]] = {
     "towel": {"outline": "towel", "material": "terry", "texture": "terry", "nodes": NODES},
     "tshirt": {"outline": "tshirt", "material": "jersey", "texture": "print", "nodes": NODES},

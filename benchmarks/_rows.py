@@ -22,7 +22,7 @@ from unwrinkle.models.files import write_json
 #: Where rows are kept, below the folder that the command is given in.
 ROOT = Path("out") / "boards"
 #: Rows that one process works out before another takes its place: renderers give not all of their memory back.
-_ROWS_PER_PROCESS = 2
+_ROWS_PER_PROCESS = 3
 _FILE = "row.json"
 
 Work = Callable[[dict[str, Any], Path], dict[str, Any]]

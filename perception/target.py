@@ -21,8 +21,8 @@ Vector = NDArray[np.float64]
 #: The grippers may never end further apart than this times the cloth between them.
 STRETCH_LIMIT = 1.10
 
-#: A verified motion's grippers are up to 0.1 mm further apart than its target says: pulls that go to the limit by design
-#: stay this far within it, metres.
+#: A motion's grippers are up to 0.1 mm further apart than its target says, and its verification is strict: pulls that go
+#: to the limit stay this far within it, metres.
 STRETCH_MARGIN = 0.001
 
 #: Eq. 5's readings: between the inflection lines (paper), on to the wrinkle's feet, or the mean of both.
@@ -137,24 +137,22 @@ class FlatteningTarget:
         ends = [hand.p_WG[:2] + hand.pull_distance * hand.pull_direction for hand in self.hands]
         return float(np.hypot(*(ends[1] - ends[0])))
 
-    def pulled_further(self, gain: float, extra: float, margin: float = 0.0) -> FlatteningTarget:
+    def pulled_further(self, gain: float, extra: float) -> FlatteningTarget:
         """The same pull with each hand going `gain` times as far and `extra` metres more.
 
         Cloth slides and stretches a little before the last of a wrinkle gives way. No hand goes so far that the grippers
-        would end more than STRETCH_LIMIT x the geodesic distance, less the margin (m), apart, and none less far than before.
+        would end further apart than STRETCH_LIMIT x the geodesic distance less STRETCH_MARGIN, and none less far than before.
 
         Raises:
-            InputError: a gain below 1, an extra or a margin below 0, or one of them not finite.
+            InputError: a gain below 1, an extra below 0, or one of them not finite.
         """
-        finite = math.isfinite(gain) and math.isfinite(extra) and math.isfinite(margin)
-        if not (finite and gain >= 1.0 and extra >= 0.0 and margin >= 0.0):
-            raise InputError(
-                f"pull: gain {gain!r} must be 1 or more, extra {extra!r} m and margin {margin!r} m 0 or more"
-            )
+        finite = math.isfinite(gain) and math.isfinite(extra)
+        if not (finite and gain >= 1.0 and extra >= 0.0):
+            raise InputError(f"pull: gain {gain!r} must be 1 or more, extra {extra!r} m 0 or more")
         begin = [hand.p_WG[:2] + hand.pull_distance * hand.pull_direction for hand in self.hands]
         more = [(gain - 1.0) * hand.pull_distance + extra for hand in self.hands]
         wider = more[1] * self.hands[1].pull_direction - more[0] * self.hands[0].pull_direction
-        limit = STRETCH_LIMIT * self.geodesic_distance - margin
+        limit = STRETCH_LIMIT * self.geodesic_distance - STRETCH_MARGIN
         share = _share_within(begin[1] - begin[0], wider, limit)
         hands = [
             replace(hand, pull_distance=hand.pull_distance + share * further)

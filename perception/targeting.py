@@ -273,10 +273,9 @@ def _section_target(
             return NoTarget(problem)
         ends.append((grasp, inward, outward))
     geodesic = section_length(surface, ends[0][0], ends[1][0])
-    # Both hands move straight apart along the section: apart + 2 d <= limit x geodesic.
+    # Both hands move straight apart along the section: apart + 2 d <= limit x geodesic - margin.
     apart = float(np.hypot(*(ends[1][0] - ends[0][0])))
-    margin = STRETCH_MARGIN if pull == "section" else 0.0
-    most = max(0.5 * (STRETCH_LIMIT * geodesic - apart - margin), 0.0)
+    most = max(0.5 * (STRETCH_LIMIT * geodesic - apart - STRETCH_MARGIN), 0.0)
     slack = PULL_COEFFICIENT * max(geodesic - apart, 0.0)
     asked = slack if pull == "section" else wrinkle.pull_distance(mode)
     hands = [

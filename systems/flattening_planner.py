@@ -7,7 +7,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
-from unwrinkle.perception.target import STRETCH_MARGIN, NoTarget
+from unwrinkle.perception.target import NoTarget
 from unwrinkle.planning import planner
 from unwrinkle.planning.settings import PlannerSettings
 from unwrinkle.systems.latest import Latest
@@ -61,8 +61,7 @@ class FlatteningPlanner(LeafSystem):
             target = analysed.analysis.target_for(request.wrinkle)
             if isinstance(target, NoTarget):
                 return refused(target.reason)
-            margin = STRETCH_MARGIN if self._rules.pull == "section" else 0.0
-            target = target.pulled_further(self._rules.pull_gain, self._rules.pull_extra, margin)
+            target = target.pulled_further(self._rules.pull_gain, self._rules.pull_extra)
             result = self._planner.plan(target, start=request.start, arms=request.arms)
         except InputError as error:
             return refused(" ".join(str(error).split()))

@@ -57,7 +57,6 @@ COUNTS = {
     "dual_xtion": 8,
     "single_xtion": 10,
     "dual_stereo_together": 1,
-    "dual_xtion_together": 2,
 }
 
 

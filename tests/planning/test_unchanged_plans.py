@@ -41,3 +41,11 @@ def test_two_hundred_unchanged_plans_pass(
     planner: FlatteningPlanner, cell: Cell, random_targets: Targets
 ) -> None:
     assert_all_pass(planner, cell, random_targets(200, 12))
+
+
+def test_pulls_to_the_stretch_limit_pass(
+    planner: FlatteningPlanner, cell: Cell, random_targets: Targets
+) -> None:
+    further = [target.pulled_further(3.0, 0.05) for target in random_targets(6, 13)]
+    assert all(t.final_grip_distance > 1.09 * t.geodesic_distance for t in further)
+    assert_all_pass(planner, cell, further)
