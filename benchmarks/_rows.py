@@ -3,6 +3,7 @@
 import hashlib
 import importlib
 import json
+import logging
 import multiprocessing
 import os
 import queue
@@ -170,6 +171,7 @@ def _work_out(row: Row, folder: Path) -> None:
     """Work out one row, and keep it."""
     module, _, function = row.work.partition(":")
     work = cast("Work", getattr(importlib.import_module(module), function))
+    logging.getLogger("drake").setLevel(logging.WARNING)  # Drake's import sets it to INFO
     folder.mkdir(parents=True, exist_ok=True)
     begin = time.perf_counter()
     result = work(row.settings, folder)

@@ -18,9 +18,10 @@ _DESK = 150  # grey of what is around a drawn board
 REPOSITORY = Path(__file__).parents[1]
 
 
-#: Tests that run on the computer's clock, or that build or install the package: beginnings of their paths. They run by
-#: themselves; all others two at a time.
+#: Tests that run on the computer's clock, take all cores anyway, or build or install the package: beginnings of their
+#: paths. They run by themselves; all others two at a time.
 ALONE = (
+    "benchmarks/test_boards_smoke",
     "benchmarks/test_faults",
     "benchmarks/test_parity",
     "hardware/test_cameras",

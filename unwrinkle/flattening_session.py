@@ -15,7 +15,6 @@ from unwrinkle.flattening_run import Ending, FlatteningRun, Watcher, caught_inte
 from unwrinkle.flattening_setup import (
     HARDWARE,
     LOOPBACK,
-    SENSORS,
     Loop,
     build_loop,
     scenario_text,

@@ -34,7 +34,10 @@ def flatten(
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Of every random choice [0].")] = None,
     sensor: Annotated[
-        str | None, typer.Option(help="stereo, xtion or tof [the scenario's].")
+        str | None,
+        typer.Option(
+            help="stereo, xtion, tof, or truth (the simulated cloth itself) [the scenario's]."
+        ),
     ] = None,
     scale: Annotated[
         float | None,
