@@ -22,7 +22,7 @@ from unwrinkle.benchmarks._garment_rows import (
     wanted,
 )
 from unwrinkle.benchmarks._loop_rows import VERTICES
-from unwrinkle.benchmarks._rows import run_rows
+from unwrinkle.benchmarks._rows import rows_wall, run_rows
 from unwrinkle.benchmarks._statistics import Spread, mean_interval
 from unwrinkle.benchmarks.report import Progress
 from unwrinkle.models.archive import load_archive
@@ -97,6 +97,7 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
         if not _paired([by_key[start, garment, method] for method in METHODS])
     ]
     return {
+        "rows_wall": rows_wall(done),
         "garments": garments,
         "starts": starts,
         "methods": list(METHODS),

@@ -12,7 +12,7 @@ from unwrinkle.benchmarks._board_plots import draw_cloth, save
 from unwrinkle.benchmarks._grasp_rows import CHOICES, LIFT, MISPLACED, OURS, wanted
 from unwrinkle.benchmarks._grasp_states import STATES
 from unwrinkle.benchmarks._loop_rows import VERTICES
-from unwrinkle.benchmarks._rows import run_rows
+from unwrinkle.benchmarks._rows import rows_wall, run_rows
 from unwrinkle.benchmarks._statistics import wilson
 from unwrinkle.benchmarks.report import Progress
 
@@ -36,6 +36,7 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
     rows = run_rows("grasps", wanted(states, seeds), progress)
     ours = _successes(rows, OURS)
     return {
+        "rows_wall": rows_wall(rows),
         "successes": ours,
         "attempts": len(rows),
         "success": ours / len(rows),

@@ -20,7 +20,7 @@ from unwrinkle.benchmarks._lever_cells import (
 )
 from unwrinkle.benchmarks._lever_page import page
 from unwrinkle.benchmarks._loop_rows import FLAT
-from unwrinkle.benchmarks._rows import run_rows
+from unwrinkle.benchmarks._rows import rows_wall, run_rows
 from unwrinkle.benchmarks._statistics import mean_interval
 from unwrinkle.benchmarks.report import Progress
 
@@ -38,10 +38,12 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
     count = sum(len(of) for of in rows)
     if not quick:
         progress(0, count, f"levers: {count} runs, about {core_minutes(cells):.0f} core-minutes")
-    done = iter(run_rows("levers", [row for of in rows for row in of], progress))
+    found = run_rows("levers", [row for of in rows for row in of], progress)
+    done = iter(found)
     runs = [[next(done) for _ in of] for of in rows]
     default = {cell.look: of for cell, of in zip(cells, runs, strict=True) if cell.is_default}
     return {
+        "rows_wall": rows_wall(found),
         "most_actions": QUICK_ACTIONS if quick else ACTIONS,
         "expected_core_minutes": None if quick else core_minutes(cells),
         "cells": [

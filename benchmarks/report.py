@@ -85,11 +85,15 @@ def markdown(report: dict[str, Any], table: str) -> str:
     """
     computer = report["machine"]
     quick = " (quick: a smaller sample)" if report["quick"] else ""
+    rows = report["results"].get("rows_wall")
+    kept = (
+        "" if rows is None else f" (its rows {rows:.0f} s in all, those kept from before included)"
+    )
     libraries = ", ".join(f"{name} {v}" for name, v in report["versions"].items() if v)
     return (
         f"# Benchmark: {report['benchmark']}{quick}\n\n"
         f"    {report['command']}\n\n"
-        f"Took {report['duration']:.0f} s on {computer['cpu']}, {computer['cores']} cores, "
+        f"Took {report['duration']:.0f} s{kept} on {computer['cpu']}, {computer['cores']} cores, "
         f"{computer['memory'] / 2**30:.1f} GiB; {computer['system']}, "
         f"Python {computer['python']}; {libraries}.\n\n"
         f"{table.strip()}\n"

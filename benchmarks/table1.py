@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from unwrinkle.benchmarks._board_plots import bars, draw_cloth, save
 from unwrinkle.benchmarks._loop_rows import FLAT, VERTICES
 from unwrinkle.benchmarks._plan_tasks import DIRECTIONS
-from unwrinkle.benchmarks._rows import Row, run_rows
+from unwrinkle.benchmarks._rows import Row, rows_wall, run_rows
 from unwrinkle.benchmarks._statistics import mean_interval, wilson
 from unwrinkle.benchmarks.report import Progress
 
@@ -53,7 +53,14 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
         least = min(row["dual_success"] for row in by_direction)
         cells[reading] = {**figures(of), "dual_least": least, "directions": by_direction}
         runs[reading] = of
-    return {"readings": readings, "repeats": repeats, **cells, "published": PUBLISHED, "runs": runs}
+    return {
+        "rows_wall": rows_wall(done),
+        "readings": readings,
+        "repeats": repeats,
+        **cells,
+        "published": PUBLISHED,
+        "runs": runs,
+    }
 
 
 def _row(reading: str, direction: float, repeat: int, seed: int, *, quick: bool) -> Row:

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from unwrinkle.benchmarks._board_plots import bars, draw_cloth, save
 from unwrinkle.benchmarks._loop_rows import FLAT, VERTICES
-from unwrinkle.benchmarks._rows import Row, run_rows
+from unwrinkle.benchmarks._rows import Row, rows_wall, run_rows
 from unwrinkle.benchmarks._statistics import mean_interval, wilson
 from unwrinkle.benchmarks._table2_page import cell_name, page
 from unwrinkle.benchmarks.report import Progress
@@ -57,6 +57,7 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
     runs = {cell: done[k * len(starts) : (k + 1) * len(starts)] for k, cell in enumerate(_ALL)}
     cells = {cell: cell_figures(of) for cell, of in runs.items()}
     return {
+        "rows_wall": rows_wall(done),
         "starts": list(starts),
         "most_actions": rows[0].settings["scenario"]["loop"]["actions"],
         **cells,
