@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -88,12 +87,3 @@ def draw_cloth(axes: Axes, path: Path, number: int) -> None:
 def save(figure: Figure, path: Path) -> None:
     """Write a figure."""
     figure.savefig(path, dpi=110)
-
-
-def interval_text(spread: dict[str, Any] | None, digits: int = 1) -> str:
-    """A mean with its 95 % interval; a dash where there is none."""
-    if spread is None:
-        return "-"
-    return (
-        f"{spread['mean']:.{digits}f} ({spread['low']:.{digits}f} to {spread['high']:.{digits}f})"
-    )

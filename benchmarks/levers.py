@@ -19,8 +19,8 @@ from unwrinkle.benchmarks._lever_cells import (
     core_minutes,
 )
 from unwrinkle.benchmarks._lever_page import page
-from unwrinkle.benchmarks._loop_rows import FLAT
 from unwrinkle.benchmarks._rows import rows_wall, run_rows
+from unwrinkle.benchmarks._run_figures import run_figures
 from unwrinkle.benchmarks._statistics import mean_interval
 from unwrinkle.benchmarks.report import Progress
 
@@ -64,28 +64,13 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
 
 
 def cell_figures(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """The figures of one cell.
-
-    `rni_*` counts the actions until the loop's detector said flat; a run that ended otherwise counts with the actions that it
-    made, and is counted in `unfinished`. `flat_by_truth` counts the runs at whose end the cloth's highest point was at most
-    5 mm above flat.
-    """
-    rni = mean_interval([run["actions"] for run in runs])
+    """The figures of one cell: those of `run_figures`, and others."""
     covered = mean_interval([run["coverages"][-1] for run in runs])
-    assert rni is not None and covered is not None
+    assert covered is not None
     return {
-        "runs": len(runs),
-        "rni_mean": rni.mean,
-        "rni_std": rni.std,
-        "rni_interval": [rni.low, rni.high],
-        "unfinished": sum(run["status"] != "flat" for run in runs),
-        "flat_by_truth": sum(run["heights"][-1] <= FLAT for run in runs),
-        "height_max": max(run["heights"][-1] for run in runs),
-        "coverage_mean": covered.mean,
+        **run_figures(runs),
         "coverage_interval": [covered.low, covered.high],
-        "overstretch_max": max(max(run["overstretch"][1:], default=0.0) for run in runs),
         "single": sum(run["single"] for run in runs),
-        "missed": sum(run["missed"] for run in runs),
     }
 
 

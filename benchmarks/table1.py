@@ -7,10 +7,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from unwrinkle.benchmarks._board_plots import bars, draw_cloth, save
-from unwrinkle.benchmarks._loop_rows import FLAT, VERTICES
+from unwrinkle.benchmarks._loop_rows import VERTICES
 from unwrinkle.benchmarks._plan_tasks import DIRECTIONS
 from unwrinkle.benchmarks._rows import Row, rows_wall, run_rows
-from unwrinkle.benchmarks._statistics import mean_interval, wilson
+from unwrinkle.benchmarks._run_figures import run_figures
+from unwrinkle.benchmarks._statistics import wilson
 from unwrinkle.benchmarks.report import Progress
 
 #: The two readings of the published directions: wrinkles about the robot's forward axis, and about its lateral one; degrees
@@ -81,33 +82,23 @@ def _row(reading: str, direction: float, repeat: int, seed: int, *, quick: bool)
 
 
 def figures(runs: list[dict[str, Any]]) -> dict[str, Any]:
-    """The figures of some runs.
+    """The figures of some runs: those of `run_figures`, and others.
 
     `dual_success` is the share of first actions that were planned, verified and carried out with two arms;
     `grasp_success` that of all actions in which both grippers got hold of cloth.
     """
-    rni = mean_interval([run["actions"] for run in runs])
-    first = [run["looks"][0] for run in runs]
-    dual = sum(look["arms"] == 2 for look in first)
+    found = run_figures(runs)
+    dual = sum(run["looks"][0]["arms"] == 2 for run in runs)
     actions = sum(run["actions"] for run in runs)
-    caught = actions - sum(run["missed"] for run in runs)
-    heights = [run["heights"][-1] for run in runs]
-    assert rni is not None
     return {
-        "runs": len(runs),
-        "rni_mean": rni.mean,
-        "rni_std": rni.std,
+        **found,
         "rni_max": max(run["actions"] for run in runs),
         "rni_one": sum(run["actions"] == 1 for run in runs),
-        "flat": sum(run["status"] == "flat" for run in runs),
-        "flat_by_truth": sum(height <= FLAT for height in heights),
+        "flat": found["runs"] - found["unfinished"],
         "dual_success": dual / len(runs),
         "dual_interval": list(wilson(dual, len(runs))),
-        "grasp_success": caught / actions if actions else 0.0,
+        "grasp_success": (actions - found["missed"]) / actions if actions else 0.0,
         "height_before": float(np.median([run["heights"][0] for run in runs])),
-        "height_max": max(heights),
-        "coverage_least": min(run["coverages"][-1] for run in runs),
-        "overstretch_max": max(max(run["overstretch"][1:], default=0.0) for run in runs),
     }
 
 

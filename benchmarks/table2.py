@@ -7,8 +7,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from unwrinkle.benchmarks._board_plots import bars, draw_cloth, save
-from unwrinkle.benchmarks._loop_rows import FLAT, VERTICES
+from unwrinkle.benchmarks._loop_rows import VERTICES
 from unwrinkle.benchmarks._rows import Row, rows_wall, run_rows
+from unwrinkle.benchmarks._run_figures import run_figures
 from unwrinkle.benchmarks._statistics import mean_interval, wilson
 from unwrinkle.benchmarks._table2_page import cell_name, page
 from unwrinkle.benchmarks.report import Progress
@@ -84,39 +85,24 @@ def _row(cell: str, seed: int, *, quick: bool) -> Row:
 
 
 def cell_figures(runs: list[dict[str, Any]]) -> dict[str, Any]:
-    """The figures of one cell.
+    """The figures of one cell: those of `run_figures`, and others.
 
-    `rni_*` counts the actions until the loop's own detector said flat; a run that ended otherwise counts with the actions
-    that it made, and is counted in `unfinished`. `rni_truth_*` counts actions until the cloth's highest point was at most
-    5 mm, over the runs in which it came to that (`flat_by_truth`).
+    `rni_truth_*` counts actions until the cloth's highest point was at most 5 mm, over the runs in which it came to that.
     """
-    rni = mean_interval([run["actions"] for run in runs])
     truth = mean_interval([run["rni_truth"] for run in runs if run["rni_truth"] is not None])
     wanted, found = (sum(run[key] for run in runs) for key in ("dual_wanted", "dual_found"))
     acted = [look for run in runs for look in run["looks"] if look["outcome"] in ("done", "missed")]
-    heights = [run["heights"][-1] for run in runs]
     stages = sorted({stage for look in acted for stage in look["seconds"]})
-    assert rni is not None
     return {
-        "runs": len(runs),
-        "rni_mean": rni.mean,
-        "rni_std": rni.std,
-        "rni_interval": [rni.low, rni.high],
-        "unfinished": sum(run["status"] != "flat" for run in runs),
+        **run_figures(runs),
         "rni_truth_mean": None if truth is None else truth.mean,
         "rni_truth_std": None if truth is None else truth.std,
         "rni_truth_interval": None if truth is None else [truth.low, truth.high],
-        "flat_by_truth": sum(height <= FLAT for height in heights),
         "dual_wanted": wanted,
         "dual_success": found / wanted if wanted else None,
         "dual_interval": list(wilson(found, wanted)) if wanted else None,
-        "missed": sum(run["missed"] for run in runs),
         "coverage_start": float(np.mean([run["coverages"][0] for run in runs])),
-        "coverage_mean": float(np.mean([run["coverages"][-1] for run in runs])),
-        "coverage_least": min(run["coverages"][-1] for run in runs),
-        "height_median": float(np.median(heights)),
-        "height_max": max(heights),
-        "overstretch_max": max(max(run["overstretch"][1:], default=0.0) for run in runs),
+        "height_median": float(np.median([run["heights"][-1] for run in runs])),
         "action_seconds_median": float(np.median([look["total"] for look in acted] or [0.0])),
         "stage_seconds_median": {
             stage: float(np.median([look["seconds"].get(stage, 0.0) for look in acted]))
