@@ -92,6 +92,7 @@ def table1_run(monkeypatch: pytest.MonkeyPatch, spoilt: str) -> dict[str, Any]:
         ]
 
     monkeypatch.setattr(table1, "run_rows", rows)
+    monkeypatch.setattr(table1, "RUN", tuple(table1.READINGS))
     return table1.run(quick=False, seed=0, progress=told)
 
 
