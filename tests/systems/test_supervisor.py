@@ -54,6 +54,7 @@ def analysis_of(wrinkles: tuple[tuple[float, float, float, float], ...]) -> Any:
     """All that the judgement needs of an analysis."""
     return SimpleNamespace(
         mode="foot",
+        section="centre",
         profile=SimpleNamespace(halting_pull=0.005, depth_noise=0.0003),
         share_beyond_table=0.0,
         share_along_edge=0.0,
@@ -65,7 +66,9 @@ def analysis_of(wrinkles: tuple[tuple[float, float, float, float], ...]) -> Any:
         wrinkles=tuple(
             SimpleNamespace(
                 centre=(place, -1.1),
-                direction=(1.0, 0.0),
+                direction=np.array([1.0, 0.0]),
+                length=0.1,
+                curve=np.array([[place + x, -1.1, 0.7] for x in (-0.05, 0.0, 0.05)]),
                 volume_score=score,
                 peak_height=height,
                 crests=np.zeros((3, 3)),
