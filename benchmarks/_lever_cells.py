@@ -119,6 +119,7 @@ CELLS = (
     _cloth("stiffness", "stretch x 4", stretch=4.0 * _MATERIAL.stretch),
     Cell(DEFAULT, "", _SENSOR_STARTS, STEREO),
     _sensor("stereo noise", "x 0", noise=0.0),
+    _sensor("stereo noise", "x 2", noise=2.0),
     _sensor("stereo noise", "x 4", noise=4.0),
     _sensor("image size", "0.25", scale=0.25),
     _sensor("image size", "1", scale=1.0),

@@ -112,7 +112,11 @@ def _verdict(cells: list[dict[str, Any]]) -> list[str]:
     better = [c for c in rules if c["to_default"]["high"] < 0.0 and c["flat_by_truth"] == c["runs"]]
     what = "; ".join(_name(c) for c in better)
     lines.append(
-        f"- By that rule: {what} would be the better default."
+        (
+            f"- By that rule: {what} would be the better default. It is an option (`order: together`, `pull: section`), and the default "
+            "stays the published order for now: the hands pull up to twice as far by it, in one motion, and whether a real towel "
+            "bears that between two grippers nobody has tried. Table II has both rules on the same starts, seen by the stereo head."
+        )
         if better
         else "- By that rule the defaults stay as they are; the other rules are options of the scenario's `loop`."
     )
