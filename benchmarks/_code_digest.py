@@ -12,13 +12,15 @@ from unwrinkle.models.loader_yaml import models_dir
 
 _PACKAGE = "unwrinkle"
 _DATA = ("*.yaml", "*.urdf", "*.sdf")
+#: What only keeps results, and has no part in them.
+_KEEPERS = {f"{_PACKAGE}.benchmarks.{name}" for name in ("_code_digest", "_rows", "report")}
 
 
 @functools.cache
 def code_digest(module: str) -> str:
     """SHA-256 over a module, all modules of this package that it imports, and all data of `models`.
 
-    Imports inside functions count, and those of the imported. Files count by their names within the package, not by where
+    Imports inside functions count, and those of the imported; modules that only keep results do not. Files count by their names within the package, not by where
     it is installed.
 
     Args:
@@ -35,7 +37,7 @@ def code_digest(module: str) -> str:
     while todo:
         name = todo.pop()
         path = _file(name)
-        if name in files or path is None:
+        if name in files or name in _KEEPERS or path is None:
             continue
         files[name] = path
         tree = ast.parse(path.read_text(encoding="utf-8"))

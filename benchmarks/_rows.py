@@ -55,7 +55,12 @@ _Task = tuple[Row, Path]
 
 
 def run_rows(
-    board: str, wanted: Sequence[Row], progress: Progress, *, workers: int | None = None
+    board: str,
+    wanted: Sequence[Row],
+    progress: Progress,
+    *,
+    workers: int | None = None,
+    tolerated: str = "",
 ) -> list[dict[str, Any]]:
     """Work out what is not there yet, and return all rows in order.
 
@@ -64,6 +69,7 @@ def run_rows(
         wanted: the rows.
         progress: told of every finished row.
         workers: processes at once; by the number of cores if left out.
+        tolerated: class of errors that a board expects of some rows; those come back with `failed`, its message.
 
     Returns:
         For each row its name, settings, folder, wall (s) and code (digest), and what its function returned.
@@ -80,10 +86,13 @@ def run_rows(
     done = len(wanted) - len(missing)
     progress(done, len(wanted), board)
     failed: list[str] = []
+    expected: dict[str, str] = {}
     for row, error in _worked_out(missing, workers or len(os.sched_getaffinity(0))):
         done += 1
         progress(done, len(wanted), row.name)
-        if error:
+        if tolerated and error.startswith(f"{tolerated}: "):
+            expected[row.name] = error
+        elif error:
             failed.append(f"{row.name}: {error}")
     if failed:
         raise InputError(
@@ -91,8 +100,10 @@ def run_rows(
             "kept, the same command goes on with these"
         )
     return [
-        {"folder": str(folder), **json.loads((folder / _FILE).read_text(encoding="utf-8"))}
-        for folder in folders
+        {"name": row.name, "settings": row.settings, "failed": expected[row.name]}
+        if row.name in expected
+        else {"folder": str(folder), **json.loads((folder / _FILE).read_text(encoding="utf-8"))}
+        for row, folder in zip(wanted, folders, strict=True)
     ]
 
 

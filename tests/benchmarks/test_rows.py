@@ -48,12 +48,14 @@ def test_an_interrupted_board_goes_on(rows: list[Row], tmp_path: Path) -> None:
     (tmp_path / "fails").touch()
     with pytest.raises(InputError, match="1 of 3 rows failed, the first b: ValueError: no such"):
         run_rows("probe", rows, Told(), workers=1)
+    kept = run_rows("probe", rows, Told(), workers=1, tolerated="ValueError")
+    assert [row.get("failed") for row in kept] == [None, "ValueError: no such wrinkle", None]
     (tmp_path / "fails").unlink()
     told = Told()
     done = run_rows("probe", rows, told, workers=1)
     assert [row["twice"] for row in done] == [0, 2, 4]
     assert [row["name"] for row in done] == ["a", "b", "c"]
-    assert sorted((tmp_path / "calls").read_text()) == ["a", "b", "b", "c"]
+    assert sorted((tmp_path / "calls").read_text()) == ["a", "b", "b", "b", "c"]
     assert told.calls == [(2, 3), (3, 3)]
     assert all((Path(row["folder"]) / "kept.txt").exists() for row in done)
 
