@@ -74,6 +74,15 @@ def _table2(results: dict[str, Any]) -> list[Line]:
                     target,
                 )
             )
+    kept = bool(results["order_kept"]["rni_mean"])
+    lines.append(
+        (
+            "crumpled towel: the order of the four cells",
+            "rising in this order",
+            "the same" if kept else "by arms alone; the page says why",
+            _met("kept", kept),
+        )
+    )
     for cell, c in results.items():
         if cell.endswith("_together"):
             lines.append(
