@@ -27,7 +27,7 @@ from unwrinkle.systems.supervisor_state import Action, Situation
 
 #: A garment whose highest point is no higher than this above flat is flat in truth, m (the published halt, 0.5 cm).
 FLAT = 0.005
-#: Most looks of one run beside its actions: looks that show nothing end a run by themselves.
+#: Feedback periods after which a run is given up: hours on the station's clock.
 _MOST_PERIODS = 400_000
 VERTICES = "vertices.npz"
 

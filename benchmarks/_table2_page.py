@@ -74,6 +74,7 @@ def page(results: dict[str, Any], cells: list[str], options: list[str]) -> str:
         "",
         *_targets(results, cells),
     ]
+    lines += _versions(results, [*cells, *options])
     lines += ["", "## Every run", "", *_runs(results, [*cells, *options])]
     return "\n".join([*lines, ""])
 
@@ -127,6 +128,18 @@ def _targets(results: dict[str, Any], cells: list[str]) -> list[str]:
     if not results["order_kept"]["rni_mean"]:
         lines += ["", _why_not_ordered(results, cells)]
     return lines
+
+
+def _versions(results: dict[str, Any], cells: list[str]) -> list[str]:
+    """Which cells are of which code, where rows that were kept from before are of another one than the rest."""
+    code: dict[str, set[str]] = {}
+    for cell in cells:
+        for run in results["runs"][cell]:
+            code.setdefault(run.get("code", "")[:12], set()).add(cell_name(cell))
+    if len(code) == 1:
+        return []
+    of = ". ".join(f"{digest}: {'; '.join(sorted(names))}" for digest, names in code.items())
+    return ["", f"**These runs are of {len(code)} versions of the code**, by its digest. {of}."]
 
 
 def _why_not_ordered(results: dict[str, Any], cells: list[str]) -> str:

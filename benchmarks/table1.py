@@ -111,8 +111,8 @@ def table(results: dict[str, Any]) -> str:
             "**Cloth and robot are simulated here; the published figures are of a real towel and the real robot** (Sun, "
             "Aragon-Camarasa, Rogers, Siebert, ICRA 2015, Table I): RNI 1 in all directions, dual-arm plans 85 % with none at "
             "all in one direction, grasps 100 %. Which way direction 0 lies was not published; here "
-            f"directions are about the robot's {' and its '.join(results['readings'])} axis ([plans](plans.md) has motions in both "
-            "readings: 40 of 40 each). A wrinkle's "
+            f"directions are about the robot's {' and its '.join(results['readings'])} axis ([plans](plans.md) plans motions in "
+            "both readings). A wrinkle's "
             "slack, width and place are drawn for every repeat."
         ),
         "",

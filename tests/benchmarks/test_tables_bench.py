@@ -82,6 +82,16 @@ def test_a_missed_target_is_called_missed(monkeypatch: pytest.MonkeyPatch) -> No
     assert "| order of the cells, by the detector | not kept | no |" in page
 
 
+def test_runs_of_other_code_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    results = table2_run(monkeypatch, COUNTS)
+    assert "versions of the code" not in table2.table(results)
+    for run in results["runs"]["dual_xtion"]:
+        run["code"] = "c0ffee" * 10
+    page = table2.table(results)
+    assert "**These runs are of 2 versions of the code**" in page
+    assert "c0ffeec0ffee: dual-arm, xtion." in page
+
+
 def table1_run(monkeypatch: pytest.MonkeyPatch, spoilt: str) -> dict[str, Any]:
     def rows(board: str, wanted: Sequence[Row], progress: Any) -> list[Any]:
         return [
