@@ -70,7 +70,7 @@ class LiveController:
             now = time.monotonic()
             share = 1.0 - np.exp(-(now - last) / _LAG)
             before = self._measured
-            self._measured = before + share * (self.controller.positions - before)
+            self._measured = before + share * (self.controller.axis_positions - before)
             speed = (self._measured - before) / max(now - last, 1e-4)
             last = now
             inputs = self._grippers.update(now, self.controller.outputs, self._holding)

@@ -36,6 +36,7 @@ from unwrinkle.simulation.virtual_controller import (
     VirtualController,
     VirtualControllerSettings,
 )
+from unwrinkle.systems.lockstep import MOST_ANSWERS
 
 Array = NDArray[np.float64]
 
@@ -61,7 +62,7 @@ def swing(start: Array, way: Array = WAY, duration: float = 1.0, step: float = 0
     u = np.linspace(0.0, 1.0, count + 1)
     share = u**4 * (35.0 - 84.0 * u + 70.0 * u**2 - 20.0 * u**3)
     rate = 140.0 * u**3 * (1.0 - u) ** 3 / (count * step)
-    times = step * np.arange(count + 1, dtype=float)
+    times = np.round(step * np.arange(count + 1, dtype=float), 3)
     positions = np.asarray(start + np.outer(share, way), dtype=float)
     return Trajectory(times, positions, np.outer(rate, way))
 
@@ -187,7 +188,7 @@ class Rig:
         self.now += step
         share = 1.0 - np.exp(-step / AXES_LAG)
         before = self.measured
-        self.measured = before + share * (self.controller.positions - before)
+        self.measured = before + share * (self.controller.axis_positions - before)
         self.speed = (self.measured - before) / step
         if self.serving:
             self._deliver(self._server_links(), self._driver_links())
@@ -197,12 +198,25 @@ class Rig:
         """Poll the server and the driver in turn, so many times."""
         for _ in range(count):
             self.world()
-            self._deliver(self._driver_links(), self._server_links())
-            self.driver.poll(self.now + self.late)
+            self._exchange()
             state = self.state
             self.history.append((self.now, self.measured, state))
             if not self.states or self.states[-1][1] != state:
                 self.states.append((self.now, state))
+
+    def _exchange(self) -> None:
+        """Poll the driver, and have what it asks answered, request by request."""
+        for _ in range(MOST_ANSWERS):
+            self._deliver(self._driver_links(), self._server_links())
+            link = self.driver.links.get("motion")
+            before = None if link is None else (link.sent, link.closed)
+            self.driver.poll(self.now + self.late)
+            link = self.driver.links.get("motion")
+            after = None if link is None else (link.sent, link.closed)
+            if after == before or not self.serving:
+                return
+            self._deliver(self._server_links(), self._driver_links())
+            self.server.answer()
 
     def until(self, holds: Callable[[], bool], most: float) -> bool:
         """Go on until something holds, for at most so long (s); whether it does."""
@@ -313,7 +327,7 @@ class Rig:
 
     def violations(self) -> list[str]:
         """Limits that what was sent goes beyond."""
-        return limit_violations(self.streams(), self.limits)
+        return [*limit_violations(self.streams(), self.limits), *self.controller.audit.findings]
 
     def messages_after(self, when: float) -> list[Any]:
         """Motion messages but status questions that the controller received later than a time of `now`."""
@@ -393,7 +407,7 @@ def _sent(axes: NDArray[np.intp], points: list[AcceptedPoint]) -> SentPoints:
     return SentPoints(
         axes,
         np.array([point.clock for point in points]),
-        np.array([point.time for point in points]),
+        np.array([point.milliseconds / 1e3 for point in points]),
         np.array([point.positions for point in points]),
         np.array([point.velocities for point in points]),
     )

@@ -1,6 +1,5 @@
 """What the controller's driver does whatever its state: connections, feedback, the log, and how it stops for a fault."""
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 
 from unwrinkle.hardware._feedback import FeedbackReader
 from unwrinkle.hardware._io_channel import IoChannel
-from unwrinkle.hardware._motion_channel import ALL_GROUPS, MotionChannel
+from unwrinkle.hardware._motion_channel import MotionChannel, StopAndPart, stop_and_leave
 from unwrinkle.hardware.link import TcpLink
 from unwrinkle.hardware.lock import OwnerLock
 from unwrinkle.hardware.logging_ports import NoLog, RunLogger
@@ -23,15 +22,23 @@ from unwrinkle.hardware.values import (
     JointFeedback,
     RobotStatus,
 )
-from unwrinkle.hardware.wire import Command, MotionControl
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.limits import Limits
 from unwrinkle.models.site import ControllerSite
 
 Array = NDArray[np.float64]
 
-#: Longest time that leaving takes for each thing it sends, s.
-_LEAVING = 0.25
+#: What has to be done about a controller whose queues are not empty although nobody is connected.
+QUEUE_LEFT = (
+    "the robot moves, or its controller has motion left in its queues, and the next connection to its motion port would "
+    "run it: none was made. Keep clear; press HOLD on the pendant or turn its mode key (MotoROS 1.9.12 then empties the "
+    "queues), or send a stop as the very first bytes with --clear-queue"
+)
+#: The same, where a motion connection has just ended in motion.
+QUEUE_KEPT = (
+    "what is in the controller's queues stays there and would be run at the next connection: press HOLD on the pendant "
+    "before anything connects again"
+)
 
 
 class DriverCore:
@@ -40,7 +47,8 @@ class DriverCore:
     Attributes:
         status: see `DriverStatus`.
         feedback: the newest whole set; None before the first.
-        links: the connections, by "motion", "state" and "io"; empty while offline.
+        links: the connections, by "motion", "state" and "io"; empty while offline. That of motion is made once the
+            robot's status has said that nothing is left in the queues.
     """
 
     def __init__(
@@ -50,6 +58,7 @@ class DriverCore:
         *,
         log: RunLogger | None = None,
         command: str = "",
+        io: bool = True,
         lock_directory: Path | None = None,
     ) -> None:
         """Drive the controller of a site.
@@ -59,6 +68,7 @@ class DriverCore:
             limits: of the axes; a trajectory beyond them is refused.
             log: takes down what happens.
             command: of the owner, told to whoever finds the robot in use; the command line if empty.
+            io: whether the controller's inputs and outputs are needed; firmware before MotoROS 1.6.0 has no port for them.
             lock_directory: of the owner's lock; the user's runtime directory if left out.
         """
         self.site = site
@@ -73,6 +83,8 @@ class DriverCore:
         self._reader: FeedbackReader | None = None
         self._channel: MotionChannel | None = None
         self._io: IoChannel | None = None
+        self._needs_io = io
+        self._parting: StopAndPart | None = None  # of a motion connection that has failed
         self._now = 0.0
         self._polled = False
         self._since = 0.0  # the first poll of this connection
@@ -107,30 +119,27 @@ class DriverCore:
     # Connections
 
     def connect(self) -> None:
-        """Take the owner's lock and open the three connections; nothing is sent. Connected, it changes nothing.
+        """Take the owner's lock and connect to the state server, and to inputs and outputs if they are needed.
+
+        The motion connection follows while it is polled, once the robot's status has said that nothing is left in the
+        controller's queues: it would be run as soon as somebody connects. Connected, it changes nothing.
 
         Raises:
             HardwareError: the robot is in use (by whom), or nobody answers (host and port).
         """
         if self.links:
             return
-        site = self.site
         self._lock.acquire()
         try:
-            for name, port in (
-                ("state", site.state_port),
-                ("motion", site.motion_port),
-                ("io", site.io_port),
-            ):
-                self.links[name] = TcpLink.connect(
-                    site.host, port, site.connect_timeout, f"controller's {name} server"
-                )
+            self.links["state"] = self._link("state", self.site.state_port)
+            if self._needs_io:
+                self.links["io"] = self._link("io", self.site.io_port)
         except HardwareError:
             self._disconnect()
             raise
-        self._reader = FeedbackReader(self.links["state"], site)
-        self._channel = MotionChannel(self.links["motion"], site.reply_timeout)
-        self._io = IoChannel(self.links["io"], site.reply_timeout)
+        self._reader = FeedbackReader(self.links["state"], self.site)
+        if self._needs_io:
+            self._io = IoChannel(self.links["io"], self.site.reply_timeout)
         self.feedback, self._robot = None, None
         self._stream, self._braking = None, None
         self._mode_asked = self._in_mode = self._polled = False
@@ -138,34 +147,51 @@ class DriverCore:
         self._state, self._reason = CONNECTING, ""
         self._publish()
 
+    def _link(self, name: str, port: int) -> TcpLink:
+        site = self.site
+        label = f"controller's {name} server"
+        return TcpLink.connect(site.host, port, site.connect_timeout, label)
+
+    def _connect_motion(self) -> None:
+        """Make the motion connection.
+
+        Raises:
+            HardwareError: nobody answers.
+        """
+        link = self._link("motion", self.site.motion_port)
+        self.links["motion"] = link
+        self._channel = MotionChannel(link, self.site.reply_timeout)
+
     def close(self) -> None:
         """Leave trajectory mode, disconnect and give the lock back; takes at most about a second.
 
         What still moves is stopped at once: hold before.
         """
-        link = self.links.get("motion")
-        if link is not None and not link.closed and self._mode_asked:
-            moving = self._stream is not None and not self._stream.at_rest(self._now)
-            commands = [Command.STOP_TRAJ_MODE, Command.DISCONNECT]
-            for command in [Command.STOP_MOTION, *commands] if moving else commands:
-                link.send(MotionControl(ALL_GROUPS, 0, command).to_message().encode())
-            link.drain(_LEAVING)
-            # Answers that find nobody would make the controller's system drop what was sent; it closes in the end.
-            end = time.monotonic() + _LEAVING
-            while not link.closed and (left := end - time.monotonic()) > 0.0:
-                if link.wait(left):
-                    link.receive()
+        self._leave(mode=self._mode_asked)
         if self.links:
             self._event("disconnect", "disconnected")
         self._disconnect()
         self._state, self._reason = OFFLINE, ""
         self._publish()
 
+    def _leave(self, *, mode: bool) -> None:
+        """Empty the queues if something may be in them, and leave trajectory mode; bounded in time."""
+        link = self.links.get("motion")
+        if link is None or link.closed or not self._mode_asked:
+            return
+        stream, channel = self._stream, self._channel
+        moving = stream is not None and not stream.at_rest(self._now)
+        waiting = channel is None or not channel.quiet
+        # A channel that was given up has sent its stop, or was about to.
+        moving = moving or channel is None or not mode
+        stop_and_leave(link, waiting=waiting, moving=moving, mode=mode)
+
     def _disconnect(self) -> None:
         for link in self.links.values():
             link.close()
         self.links.clear()
         self._reader, self._channel, self._io = None, None, None
+        self._parting = None
         self._stream, self._braking = None, None
         self._in_mode = self._mode_asked = False
         self._lock.release()
@@ -178,14 +204,17 @@ class DriverCore:
         self._publish()
 
     def abandon(self, text: str) -> None:
-        """Close every connection at once and latch a fault: where the driver itself cannot go on.
+        """Stop all groups, close every connection and latch a fault: where the driver itself cannot go on.
 
-        The controller empties its queues when the motion connection ends, and its servos brake.
+        The controller keeps what is in its queues when the motion connection ends, so they are emptied first, as far as
+        that can still be done; it takes at most half a second.
         """
         self._state, self._reason, self._braking = FAULT, text, None
+        self._leave(mode=False)
         for link in self.links.values():
             link.close(text)
         self._reader, self._channel, self._io = None, None, None
+        self._parting = None
         self._publish()
 
     @property
@@ -221,7 +250,7 @@ class DriverCore:
         channel = self._channel
         if channel is None or not channel.open or not self._mode_asked:
             return
-        channel.control(Command.STOP_MOTION, self._now)
+        channel.stop(self._now)
         if self._stream is not None:
             self._stream.stop()
         self._event("stop", "all groups stopped at once")

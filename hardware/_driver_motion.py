@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.hardware._driver_core import DriverCore
-from unwrinkle.hardware._motion_channel import Asked
+from unwrinkle.hardware._driver_core import QUEUE_KEPT, QUEUE_LEFT, DriverCore
+from unwrinkle.hardware._motion_channel import Asked, MotionChannel, StopAndPart
 from unwrinkle.hardware._sent_cubics import StreamLimits
 from unwrinkle.hardware._start_sequence import StartSequence
 from unwrinkle.hardware.monitor import AXIS_NAMES, Finding
@@ -27,7 +27,8 @@ from unwrinkle.planning.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-#: Within these of its last point a trajectory is completed, rad and rad/s; so long after its end that may take, s.
+#: Within these of its last point (and the start tolerance) a trajectory is completed, rad and rad/s; so long after its end
+#: that may take, s.
 ARRIVED, ARRIVED_SPEED, ARRIVAL_TIME = 5e-4, 5e-3, 1.0
 #: A controller in trajectory mode that was asked nothing for so long is asked whether it is there, s.
 HEARTBEAT = 1.0
@@ -50,17 +51,35 @@ class DriverMotion(DriverCore):
 
     def _take_answers(self, now: float) -> None:
         channel = self._channel
+        if self._parting is not None and self._parting.poll(now):
+            self._parting = None
         if channel is None:
             return
         try:
             answers = channel.poll(now)
         except HardwareError as error:
-            self._fault(Finding("motion", str(error)))
-            self._channel = None
-            self.links["motion"].close(str(error))
+            self._motion_lost(channel, str(error), now)
             return
         for asked, reply in answers:
             self._answered(asked, reply, now)
+
+    def _motion_lost(self, channel: MotionChannel, text: str, now: float) -> None:
+        """Latch a fault; where the connection is still there, stop all groups before it is closed."""
+        stream = self._stream
+        moving = stream is not None and not stream.at_rest(now)
+        self._channel = None
+        if stream is not None:
+            stream.stop()
+        if channel.open and self._mode_asked:
+            waiting = not channel.quiet
+            self._parting = StopAndPart(self.links["motion"], now, waiting=waiting)
+            self._event("stop", "all groups stopped at once, then the motion connection is closed")
+        else:
+            self.links["motion"].close(text)
+            if moving and self._state == FAULT:
+                self._reason = f"{self._reason}; {QUEUE_KEPT}"
+            text = f"{text}; {QUEUE_KEPT}" if moving else text
+        self._fault(Finding("motion", text))
 
     def _answered(self, asked: Asked, reply: MotionReply, now: float) -> None:
         success = reply.result == Result.SUCCESS
@@ -142,16 +161,25 @@ class DriverMotion(DriverCore):
             robot.drives_powered,
             robot.e_stopped,
             robot.in_error,
+            robot.in_motion,
             robot.mode,
         )
-        if self.feedback is not None and known:
+        if self.feedback is not None and known and robot is not None and robot.in_motion == 0:
+            try:
+                self._connect_motion()
+            except HardwareError as error:
+                self._fault(Finding("connect", str(error)))
+                return
             self._state = READY
-            self._event("ready", "feedback and status are whole")
+            self._event("ready", "feedback and status are whole, and nothing is in the queues")
         elif now - self._since > self.site.connect_timeout:
             missing = "" if reader is None else reader.missing
             text = "the robot's status says 'unknown'" if robot else "no status has come"
             if self.feedback is None:
                 text = f"no feedback has come of groups {missing}; compare the site's groups and profile with the controller's"
+            elif known:
+                self._fault(Finding("queue", QUEUE_LEFT))
+                return
             self._fault(Finding("handshake", f"after {now - self._since:.1f} s {text}"))
 
     def _starting(self, now: float) -> None:
@@ -204,19 +232,20 @@ class DriverMotion(DriverCore):
         feedback, last = self.feedback, stream.clock.last
         assert feedback is not None and last is not None
         off = np.abs(feedback.positions - last.positions)
+        most = np.minimum(self.site.start_tolerances, ARRIVED)  # the next motion begins here
         if (
             feedback.received > self._ended
-            and off.max() <= ARRIVED
+            and (off <= most).all()
             and np.abs(feedback.velocities).max() <= ARRIVED_SPEED
         ):
             return None
         if now - self._ended > ARRIVAL_TIME + self.site.latency:
-            axis = int(off.argmax())
+            axis = int((off / most).argmax())
             self._fault(
                 Finding(
                     "arrival",
                     f"{AXIS_NAMES[axis]} is still {1e3 * off[axis]:.2f} mrad off where the motion ended "
-                    f"{now - self._ended:.1f} s ago, at most {1e3 * ARRIVED:.1f} mrad, or moves",
+                    f"{now - self._ended:.1f} s ago, at most {1e3 * most[axis]:.2f} mrad, or moves",
                 )
             )
         return off

@@ -1,20 +1,33 @@
-"""The motion connection: what was asked, and the answer to each, in order."""
+"""The motion connection: one request under way, its answer awaited before the next is sent.
 
+The firmware of 2013 executes nothing of two messages that it reads together, a stop included, and newer ones may lose
+the second: so whatever waits is sent when the answer before has come.
+"""
+
+import dataclasses as dc
+import time
 from collections import deque
 from dataclasses import dataclass
 
 from unwrinkle.hardware.link import TcpLink
 from unwrinkle.hardware.wire import (
+    Command,
     Framer,
     Message,
     MessageType,
     MotionControl,
     MotionReply,
+    Result,
+    Subcode,
     WireError,
 )
 from unwrinkle.models.errors import HardwareError
 
 ALL_GROUPS = -1
+#: A stop waits so long for the answer to what was asked before; then it is sent all the same, s.
+PATIENCE = 0.1
+#: Leaving waits so long for each answer, s.
+LEAVING = 0.25
 
 
 @dataclass(frozen=True)
@@ -25,19 +38,30 @@ class Asked:
         what: a `Command`, or the `MessageType` of a trajectory point.
         group: its group; -1 for all.
         sequence: its number.
-        sent: when, s.
+        sent: when it was sent, s; infinite while it waits.
         deadline: when the answer is overdue, s.
     """
 
     what: int
     group: int
     sequence: int
-    sent: float
-    deadline: float
+    sent: float = float("inf")
+    deadline: float = float("inf")
+
+
+@dataclass(frozen=True)
+class _Waiting:
+    asked: Asked
+    data: bytes
+    patience: float  # for the answer, s
 
 
 class MotionChannel:
-    """Requests go out, replies come in, in the same order; anything else is an error."""
+    """Requests go out one at a time, replies come in; anything else is an error.
+
+    Attributes:
+        used: when something was sent last, s.
+    """
 
     def __init__(self, link: TcpLink, reply_timeout: float) -> None:
         """Speak over a link; an answer is due within reply_timeout (s) unless more is allowed."""
@@ -45,8 +69,10 @@ class MotionChannel:
         self._timeout = reply_timeout
         self._framer = Framer()
         self._asked: deque[Asked] = deque()
+        self._waiting: deque[_Waiting] = deque()
+        self._stop_due: float | None = None  # when a stop is sent whatever was answered
         self._sequence = 0
-        self.used = float("-inf")  # when something was sent last
+        self.used = float("-inf")
 
     @property
     def open(self) -> bool:
@@ -55,21 +81,28 @@ class MotionChannel:
 
     @property
     def quiet(self) -> bool:
-        """Whether every answer has come."""
-        return not self._asked
+        """Whether every answer has come, and nothing waits."""
+        return not self._asked and not self._waiting
 
-    def control(self, command: int, now: float, timeout: float | None = None) -> Asked:
-        """Send a command to all groups."""
+    def control(self, command: int, now: float, timeout: float | None = None) -> int:
+        """Send a command to all groups once its turn has come; its sequence number."""
         self._sequence += 1
         message = MotionControl(ALL_GROUPS, self._sequence, command).to_message()
-        return self._ask(message, command, ALL_GROUPS, self._sequence, now, timeout)
+        self._queue(message, Asked(command, ALL_GROUPS, self._sequence), now, timeout)
+        return self._sequence
 
-    def point(self, message: Message, group: int, sequence: int, now: float) -> Asked:
-        """Send a trajectory point."""
-        return self._ask(message, message.type, group, sequence, now, None)
+    def point(self, message: Message, group: int, sequence: int, now: float) -> None:
+        """Send a trajectory point once its turn has come."""
+        self._queue(message, Asked(message.type, group, sequence), now, None)
+
+    def stop(self, now: float) -> None:
+        """Send STOP_MOTION before all that waits, which is dropped: a stop ends what it was for."""
+        self._waiting.clear()
+        self._stop_due = now + PATIENCE
+        self.control(Command.STOP_MOTION, now)
 
     def poll(self, now: float) -> list[tuple[Asked, MotionReply]]:
-        """What has been answered.
+        """What has been answered; then send what waits.
 
         Raises:
             HardwareError: the connection has ended, an answer is overdue, or is none to what was asked.
@@ -92,24 +125,25 @@ class MotionChannel:
                 f"the controller has not answered {_words(first)} for {now - first.sent:.2f} s, at most "
                 f"{first.deadline - first.sent:.2f} s; is its connection alive?"
             )
+        self._send(now)
         self._link.flush()
         return answers
 
-    def _ask(
-        self,
-        message: Message,
-        what: int,
-        group: int,
-        sequence: int,
-        now: float,
-        timeout: float | None,
-    ) -> Asked:
+    def _queue(self, message: Message, asked: Asked, now: float, timeout: float | None) -> None:
         wait = self._timeout if timeout is None else timeout
-        asked = Asked(what, group, sequence, now, now + wait)
-        self._link.send(message.encode())
-        self._asked.append(asked)
+        self._waiting.append(_Waiting(asked, message.encode(), wait))
+        self._send(now)
+
+    def _send(self, now: float) -> None:
+        """Send the next request if its turn has come."""
+        overdue = self._stop_due is not None and now >= self._stop_due
+        if not self._waiting or (self._asked and not overdue):
+            return
+        self._stop_due = None
+        waiting = self._waiting.popleft()
+        self._link.send(waiting.data)
+        self._asked.append(dc.replace(waiting.asked, sent=now, deadline=now + waiting.patience))
         self.used = now
-        return asked
 
     def _match(self, message: Message) -> tuple[Asked, MotionReply] | None:
         if message.type == MessageType.PING:
@@ -126,18 +160,98 @@ class MotionChannel:
             )
         asked = self._asked.popleft()
         # What the controller could not read it answers with group and sequence -1.
-        unread = reply.sequence == -1 and reply.result != 0
+        unread = reply.sequence == -1 and reply.result != Result.SUCCESS
         multi = asked.what == MessageType.JOINT_TRAJ_PT_FULL_EX
         if not unread and (
             reply.sequence != asked.sequence
             or reply.command != asked.what
             or not (multi or reply.group == asked.group)
         ):
+            if asked.what == Command.CHECK_SYNCHRO and reply.command != asked.what:
+                # MotoROS answers a command that it does not know with the reply before, once more.
+                unknown = dc.replace(reply, result=Result.INVALID, subcode=Subcode.INVALID_COMMAND)
+                return asked, unknown
             raise HardwareError(
                 f"the controller answers command {reply.command}, group {reply.group}, sequence {reply.sequence} "
                 f"where {_words(asked)} was due"
             )
         return asked, reply
+
+
+class StopAndPart:
+    """Ends a motion connection whose answers cannot be trusted any more: a stop of all groups, its answer, the end.
+
+    Without the stop the controller would keep what is in its queues, and run it at the next connection.
+    """
+
+    def __init__(self, link: TcpLink, now: float, *, waiting: bool) -> None:
+        """Begin now (s); `waiting`: an answer is due to what was asked before."""
+        self._link = link
+        self._due = now + (PATIENCE if waiting else 0.0)
+        self._end: float | None = None
+
+    def poll(self, now: float) -> bool:
+        """Go on; whether the connection has ended."""
+        heard = bool(self._link.receive())
+        if self._end is None:
+            if heard or now >= self._due:
+                self._link.send(_control(Command.STOP_MOTION))
+                self._end = now + LEAVING
+        elif heard or now >= self._end:
+            self._link.close("stopped and left")
+        self._link.flush()
+        return bool(self._link.closed)
+
+
+def stop_and_leave(link: TcpLink, *, waiting: bool, moving: bool, mode: bool) -> None:
+    """Leave a motion connection; blocks for at most about a second, and ends with the connection as it is.
+
+    Args:
+        link: to be left; it is not closed here.
+        waiting: an answer is due to what was asked before.
+        moving: something may be in the queues, so that they have to be emptied first.
+        mode: trajectory mode was started over it, and is to be left.
+    """
+    framer = Framer()
+    if waiting:
+        _heard(link, framer, PATIENCE)
+    steps = [Command.STOP_MOTION] * moving + [Command.STOP_TRAJ_MODE] * mode
+    stopped = moving
+    while steps:
+        command = steps.pop(0)
+        link.send(_control(command))
+        reply = _heard(link, framer, LEAVING)
+        if reply is None:
+            return  # nobody answers; more would not be read as messages of their own
+        if command == Command.STOP_TRAJ_MODE and reply.result != Result.SUCCESS and not stopped:
+            steps, stopped = [Command.STOP_MOTION, Command.STOP_TRAJ_MODE], True
+    if mode:
+        # It is not answered; an answer that finds nobody would make the system drop what was sent, so wait for the end.
+        link.send(_control(Command.DISCONNECT))
+        end = time.monotonic() + LEAVING
+        while not link.closed and (left := end - time.monotonic()) > 0.0:
+            if link.wait(left):
+                link.receive()
+
+
+def _control(command: int) -> bytes:
+    return MotionControl(ALL_GROUPS, 0, command).to_message().encode()
+
+
+def _heard(link: TcpLink, framer: Framer, most: float) -> MotionReply | None:
+    """The next motion reply within so long, s of real time; None if none comes."""
+    link.drain(most)
+    end = time.monotonic() + most
+    while not link.closed and (left := end - time.monotonic()) > 0.0:
+        if not link.wait(left):
+            break
+        try:
+            for message in framer.feed(link.receive()):
+                if message.type == MessageType.MOTION_REPLY:
+                    return MotionReply.of(message)
+        except WireError:
+            return None
+    return None
 
 
 def _words(asked: Asked) -> str:

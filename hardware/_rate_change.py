@@ -5,17 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.hardware._sent_cubics import CubicPath, StreamLimits
+from unwrinkle.hardware._sent_cubics import CubicPath, StreamLimits, ceil_ms
+from unwrinkle.planning.sent import as_float32
 
 Array = NDArray[np.float64]
 
-_GRID = np.linspace(0.0, 1.0, 129)
-_POWERS = _GRID[:, None] ** np.arange(6)
+_POWERS = np.linspace(0.0, 1.0, 129)[:, None] ** np.arange(6)
 #: Places (of the duration) at which durations are sieved, and how much of a limit passes.
 _SIEVE = np.linspace(0.0, 1.0, 21)[:, None] ** np.arange(6)
 _SIEVE_ROOM = 1.03
 _ROUNDING = 1e-9
-_SHORTEST = 1e-3  # a point nearer than this to the one before adds nothing but rounding, s
 _ITERATIONS = 40
 
 
@@ -63,13 +62,13 @@ class RateChange:
     def make(
         cls, path: CubicPath, start: RateState, target: float, duration: float, widest: float
     ) -> "RateChange | None":
-        """Points up to the first knot behind the change; up to rest for a target of 0; or up to the path's end.
+        """Points up to the end of the change, or up to the path's end if that comes first.
 
         Args:
             path: along which.
-            start: where the clock is.
+            start: where the clock is, at a whole ms.
             target: rate at the end.
-            duration: of the change, s.
+            duration: of the change, whole ms, in s.
             widest: greatest distance of points, s.
 
         Returns:
@@ -79,23 +78,22 @@ class RateChange:
         rate = _POWERS @ c
         if rate.min() < -_ROUNDING or rate.max() > 1.0 + _ROUNDING:
             return None
-        nodes, indices = _nodes(path, start, target, duration, c)
-        tau, s, index = _filled(nodes, indices, widest, start, target, duration, c)
-        if not len(tau):
-            return None
+        tau, s = _points(path.end, start.s, duration, c, widest)
+        ends = s >= path.end
         moving = tau < duration * (1.0 - _ROUNDING)
-        x = np.where(moving, tau / duration, 1.0)
+        x = np.where(moving, np.minimum(tau / duration, 1.0), 1.0)
         rates = np.where(moving, np.clip(_value(c, x), 0.0, 1.0), target)
         d = c[1:] * np.arange(1, 6)
         e = d[1:] * np.arange(1, 5)
         slopes = np.where(moving, _value(d, x) / duration, 0.0)
         bends = np.where(moving, _value(e, x) / duration**2, 0.0)
-        at_knot = np.flatnonzero(index >= 0)
-        s[at_knot] = path.knots[index[at_knot]]
         positions, velocities = path.at(s)
-        positions[at_knot], velocities[at_knot] = path.knots_(index[at_knot])
         velocities *= rates[:, None]
-        return cls(start.time + tau, s, rates, slopes, bends, positions, velocities)
+        if ends[-1]:  # the path's own end is rest
+            positions[-1], velocities[-1] = path.knot(len(path.knots) - 1)
+        return cls(
+            start.time + tau, s, rates, slopes, bends, as_float32(positions), as_float32(velocities)
+        )
 
 
 def plausible(
@@ -154,71 +152,22 @@ def _travel(c: Array, duration: float, x: Array) -> Array:
     return integral
 
 
-def _nodes(
-    path: CubicPath, start: RateState, target: float, duration: float, c: Array
-) -> tuple[Array, NDArray[np.intp]]:
-    """Times since the start (n,) of the path's knots, and of the end; index of the knot, -1 for none."""
-    whole = float(_travel(c, duration, np.ones(1))[0])
-    end = start.s + whole
-    knots = path.knots
-    first = int(np.searchsorted(knots, start.s, side="right"))
-    stop = int(np.searchsorted(knots, end, side="left"))
-    index = np.arange(first, stop, dtype=np.intp)
-    tau = duration * _inverse(c, duration, knots[first:stop] - start.s)
-    if target > 0.0 and stop < len(knots):
-        tau = np.append(tau, duration + (knots[stop] - end) / target)
-        index = np.append(index, stop)
-    elif target == 0.0 and stop < len(knots):
-        tau = np.append(tau, duration)
-        index = np.append(index, -1)
-    # The last one stays, whatever stands before it.
-    gaps = np.diff(tau, prepend=0.0)
-    keep = gaps >= _SHORTEST
-    if len(keep):
-        keep[-1] = True
-        if len(keep) > 1 and gaps[-1] < _SHORTEST:
-            keep[-2] = False
-    return tau[keep], index[keep]
-
-
-def _inverse(c: Array, duration: float, way: Array) -> Array:
-    """x at which so much way (n,) has been gone: Newton's steps within a shrinking bracket."""
-    if not len(way):
-        return way
-    table = _travel(c, duration, _GRID)
-    place = np.clip(np.searchsorted(table, way), 1, len(_GRID) - 1)
-    low, high = _GRID[place - 1], _GRID[place]
-    x = 0.5 * (low + high)
+def _points(
+    end: float, begin: float, duration: float, c: Array, widest: float
+) -> tuple[Array, Array]:
+    """Times since the start (n,), whole ms, and s of the points of a change; the last one may be the path's end."""
+    count = max(1, int(np.ceil(duration / widest - _ROUNDING)))
+    tau = np.unique(np.round(1e3 * duration * np.arange(1, count + 1) / count)) / 1e3
+    s = begin + _travel(c, duration, tau / duration)
+    inside = s < end - _ROUNDING
+    if inside.all():
+        return tau, s
+    last = int(np.argmin(inside))  # the first point beyond the path's end
+    low, high = (tau[last - 1] if last else 0.0), tau[last]
     for _ in range(_ITERATIONS):
-        miss = _travel(c, duration, x) - way
-        if np.abs(miss).max() < 1e-14:
-            break
-        low, high = np.where(miss < 0.0, x, low), np.where(miss < 0.0, high, x)
-        slope = _value(c, x) * duration
-        with np.errstate(divide="ignore", invalid="ignore"):
-            step = x - miss / slope
-        x = np.where((step > low) & (step < high), step, 0.5 * (low + high))
-    return x
-
-
-def _filled(
-    nodes: Array,
-    indices: NDArray[np.intp],
-    widest: float,
-    start: RateState,
-    target: float,
-    duration: float,
-    c: Array,
-) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Times, s and knot indices with equal parts between nodes that are farther apart than the widest distance."""
-    gaps = np.diff(nodes, prepend=0.0)
-    counts = np.maximum(np.ceil(gaps / widest - _ROUNDING), 1).astype(np.intp)
-    last = np.cumsum(counts) - 1  # place of each node among all points
-    total = int(counts.sum())
-    owner = np.repeat(np.arange(len(nodes)), counts)
-    back = last[owner] - np.arange(total)
-    tau = nodes[owner] - back * (gaps / counts)[owner]
-    index = np.where(back == 0, indices[owner], -1)
-    inside = np.minimum(tau / duration, 1.0)
-    s = start.s + _travel(c, duration, inside) + np.maximum(tau - duration, 0.0) * target
-    return tau, s, index
+        middle = 0.5 * (low + high)
+        way = float(_travel(c, duration, np.array([middle / duration]))[0])
+        low, high = (middle, high) if begin + way < end else (low, middle)
+    at_end = max(ceil_ms(high), 1e-3)
+    before = tau[:last] < at_end - 0.5e-3
+    return np.append(tau[:last][before], at_end), np.append(s[:last][before], end)

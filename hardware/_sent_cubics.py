@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,18 @@ Array = NDArray[np.float64]
 Extremes = tuple[Array, Array, Array]
 
 _RELATIVE = 1e-6  # of a limit: rounding, no excess
+_TINY = 1e-7  # of a millisecond: rounding
+_SAME = 1e-9  # s
+
+
+def whole_ms(time: float) -> float:
+    """The nearest whole millisecond, s."""
+    return round(1e3 * time) / 1e3
+
+
+def ceil_ms(time: float) -> float:
+    """The first whole millisecond not before a time, s."""
+    return ceil(1e3 * time - _TINY) / 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,9 +128,9 @@ class CubicPath:
         """The trajectory's own sample: positions and slopes, (13,)."""
         return self._positions[index], self._slopes[index]
 
-    def knots_(self, indices: NDArray[np.intp]) -> tuple[Array, Array]:
-        """The trajectory's own samples: positions and slopes, (n, 13)."""
-        return self._positions[indices], self._slopes[indices]
+    def has_knot(self, s: float) -> bool:
+        """Whether the trajectory has a sample of its own at s."""
+        return bool(np.abs(self.knots - s).min() < _SAME)
 
     def knot_after(self, s: float) -> tuple[int, float]:
         """Index and s of the first knot behind s; the last one if there is none."""

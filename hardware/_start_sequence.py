@@ -1,7 +1,7 @@
 """From rest to trajectory mode: servos on, the controller's job ready, the groups in synchrony."""
 
 from unwrinkle.hardware._motion_channel import Asked, MotionChannel
-from unwrinkle.hardware.wire import Command, MotionReply, Result, describe
+from unwrinkle.hardware.wire import Command, MotionReply, Result, Subcode, describe
 from unwrinkle.models.site import ControllerSite
 
 #: Time between two questions whether it is ready, s.
@@ -27,7 +27,7 @@ class StartSequence:
         if site.synchro != "off":
             self._steps.append(Command.CHECK_SYNCHRO)
         self._when = earliest
-        self._asked: Asked | None = None
+        self._asked: int | None = None  # its sequence number
         self._begun: float | None = None  # of the present step
         self.done = False
         self.problem = ""
@@ -42,7 +42,7 @@ class StartSequence:
 
     def answered(self, asked: Asked, reply: MotionReply, now: float) -> None:
         """Take an answer; those to what it did not ask are passed over."""
-        if self._asked is None or asked.sequence != self._asked.sequence:
+        if self._asked is None or asked.sequence != self._asked:
             return
         self._asked = None
         if reply.result == Result.SUCCESS:
@@ -62,3 +62,6 @@ class StartSequence:
         # The check of readiness tells in its sub-code what is missing.
         result = Result.NOT_READY if patient and reply.subcode >= 5000 else reply.result
         self.problem = f"{what}: {describe(result, reply.subcode)}"
+        if asked.what == Command.START_TRAJ_MODE and reply.subcode == Subcode.NOT_READY_SERVO_OFF:
+            # The firmware names the first thing that is missing, not what keeps it from being switched on.
+            self.problem += "; is hold pressed, or a safety circuit open?"

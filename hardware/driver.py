@@ -5,7 +5,8 @@ connection lost, garbage or silence on it), the I/O connection lost, a log that 
 late too often. Everything else stops all groups at once with one STOP_MOTION: an axis off its path, feedback that cannot
 be (not finite, beyond limits, a jump), emergency stop, teach mode, remote or servos off, an alarm, a point that the
 controller refuses, a wrong, missing or overdue answer, a queue that has run out. Where the motion connection is lost
-nothing can be sent; the controller's queues run out and its servos brake.
+nothing can be sent: the controller's servos brake, and **what is left in its queues is run at the next connection**. So
+none is made before the robot's status has said that nothing is left there.
 """
 
 from unwrinkle.hardware._driver_motion import ARRIVED_SPEED, DriverMotion, not_reset
@@ -23,7 +24,8 @@ from unwrinkle.hardware.values import (
     STARTING,
     STOPPING,
 )
-from unwrinkle.models.errors import HardwareError
+from unwrinkle.models.errors import HardwareError, InputError
+from unwrinkle.planning.sent import as_sent
 from unwrinkle.planning.trajectory import Trajectory
 
 
@@ -37,19 +39,23 @@ class ControllerDriver(DriverMotion):
 
         Args:
             number: counts up with every command; one seen before changes nothing.
-            trajectory: all thirteen axes, from rest to rest, within the limits.
+            trajectory: all thirteen axes, from rest to rest, within the limits as it is sent (see `planning.sent`).
             name: for messages.
         """
         if number <= self._command:
             return
         self._command = number
         self._reason = self._reason if self._state == FAULT else ""
-        problem = self._cannot_run(trajectory)
+        try:
+            sent, problem = as_sent(trajectory), ""
+        except InputError as error:
+            sent, problem = trajectory, str(error)
+        problem = problem or self._cannot_run(sent)
         if problem:
             self._refuse(number, name, problem)
         else:
             assert self._channel is not None
-            self._waiting = (number, trajectory, name)
+            self._waiting = (number, sent, name)
             earliest = self._rest_since + self.site.pause
             self._stream = None
             self._start = StartSequence(self.site, self._channel, self._in_mode, earliest)
@@ -197,7 +203,8 @@ class ControllerDriver(DriverMotion):
         return self._monitor.stands(self.feedback, last.positions)
 
     def _cannot_reset(self) -> str:
-        if self._reader is None or self._channel is None or self._io is None:
+        lost = self._reader is None or self._channel is None
+        if lost or (self._needs_io and self._io is None):
             return "a connection is lost; close the driver and connect again"
         if self._log_problem:
             return self._log_problem

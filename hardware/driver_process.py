@@ -22,6 +22,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from unwrinkle.hardware._driver_core import QUEUE_KEPT
 from unwrinkle.hardware.driver import ControllerDriver
 from unwrinkle.hardware.driver_thread import LEAVING, DriverThread
 from unwrinkle.hardware.logging_ports import RunLogger
@@ -75,6 +76,7 @@ class DriverProcess:
         *,
         log: Path | None = None,
         command: str = "",
+        io: bool = True,
     ) -> None:
         """Prepare; nothing is connected before `start`.
 
@@ -83,9 +85,10 @@ class DriverProcess:
             limits: of the thirteen axes.
             log: file of a run log that was begun; both processes append to it.
             command: what the lock's owner is called.
+            io: whether the controller's inputs and outputs are needed.
         """
         owner = f"{command or 'a program'}, process {os.getpid()}"
-        self._arguments = (site, limits, log, owner)
+        self._arguments = (site, limits, log, owner, io)
         self._deadline = _START + 3.0 * site.connect_timeout
         self._lock = threading.RLock()
         self._process: subprocess.Popen[bytes] | None = None
@@ -240,7 +243,7 @@ class DriverProcess:
                     state=FAULT,
                     command=self._last.status.command,
                     completed=self._last.status.completed,
-                    reason=f"{problem}; the controller brakes by itself",
+                    reason=f"{problem}; {QUEUE_KEPT}",
                 )
                 self._last = _Snapshot(status, self._last.feedback)
             return self._last
@@ -280,11 +283,11 @@ class DriverProcess:
 
 def serve(connection: "Connection[Any, Any]") -> None:
     """What the other process does: drive until it is told to close, its parent is gone, or SIGTERM comes."""
-    site, limits, path, command = pickle.loads(connection.recv_bytes())
+    site, limits, path, command, io = pickle.loads(connection.recv_bytes())
     log = RunLog.join(path) if path is not None else None
     try:
         logger: RunLogger | None = log
-        driver = ControllerDriver(site, limits, log=logger, command=command)
+        driver = ControllerDriver(site, limits, log=logger, command=command, io=io)
         with DriverThread(driver) as thread:
             gc.freeze()  # what is there stays: the collector has little to look at
             connection.send(_snapshot(thread))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.hardware._feedback import interval
-from unwrinkle.hardware.streaming import PointStream
+from unwrinkle.hardware.streaming import PointStream, most_lag
 from unwrinkle.hardware.values import JointFeedback, RobotStatus
 from unwrinkle.models.limits import Limits
 from unwrinkle.models.site import ControllerSite
@@ -22,6 +22,10 @@ BEYOND = 5e-3
 _JUMP_FACTOR, _JUMP_ROOM = 1.5, 5e-3
 #: Lags are sought in steps of this, s.
 _LAG_STEP = 0.001
+#: Beyond the site's latency: an interpolation period until a point is begun, and the age of the feedback itself, s.
+LATENCY_ROOM = 0.035
+#: A lag shows if lags so much shorter and longer (s) fit worse by so much (rad); at rest every lag fits.
+_LAG_APART, _LAG_SHOWS = 0.02, 2e-3
 #: Share of a new lag in the one that is told.
 _LAG_SHARE = 0.2
 
@@ -54,7 +58,8 @@ class Monitor:
         """Judge by a site's settings and the robot's limits."""
         self._site = site
         self._limits = limits
-        self._lags = np.arange(0.0, site.latency + 0.5 * _LAG_STEP, _LAG_STEP)
+        self._lags = np.arange(0.0, most_lag(site) + 0.5 * _LAG_STEP, _LAG_STEP)
+        self._allowed = int((self._lags <= site.latency + LATENCY_ROOM).sum())
         self.late = 0
         self.following_error = 0.0
         self.lag = 0.0
@@ -108,43 +113,60 @@ class Monitor:
         axis_index = int(over.argmax())
         if over[axis_index] > 0.0:
             moved = abs(q[axis_index] - last.positions[axis_index])
+            degrees = (np.abs(np.radians(q) - last.positions) <= room).all()
+            hint = "are these degrees?" if degrees else "check its encoder"
             return Finding(
                 "jump",
                 f"feedback of {AXIS_NAMES[axis_index]} jumped by {moved:.4f} rad in {1e3 * step:.0f} ms, at most "
-                f"{room[axis_index]:.4f} rad is possible; check its encoder",
+                f"{room[axis_index]:.4f} rad is possible; {hint}",
             )
         return None
 
     def follows(self, feedback: JointFeedback, stream: PointStream) -> Finding | None:
         """Judge how the robot follows what was sent: one lag for all axes, within the site's latency."""
-        times = stream.reckoned(feedback.received) - self._lags
-        off = np.abs(stream.commanded(times) - feedback.positions)
+        site, lags = self._site, self._lags
+        off = np.abs(
+            stream.commanded_to(stream.reckoned(feedback.received) - lags) - feedback.positions
+        )
         # The lag that fits the axes together; one axis that is off does not hide behind the others.
         sums = off.sum(axis=1)
-        best = int(sums.argmin())
+        best = int(sums[: self._allowed].argmin())
+        fits = int(sums.argmin())
         error = float(off[best].max())
-        # At rest every lag fits.
-        if sums.max() - sums.min() > 1e-3:
-            self.lag += _LAG_SHARE * (float(self._lags[best]) - self.lag)
+        if self._shows(sums, fits):
+            lag = float(lags[fits])
+            self.lag = lag if self.lag == 0.0 else self.lag + _LAG_SHARE * (lag - self.lag)
         self.following_error = max(self.following_error, error)
-        if error <= self._site.following:
+        if error <= site.following:
             return None
         axis = int(off[best].argmax())
-        return Finding(
-            "following",
+        text = (
             f"{AXIS_NAMES[axis]} is {error:.4f} rad off its path at {stream.progress(feedback.received):.3f} s, at "
-            f"most {self._site.following:g} rad (lags up to {1e3 * self._site.latency:.0f} ms taken out)",
+            f"most {site.following:g} rad (lags up to {1e3 * site.latency:.0f} ms taken out)"
         )
+        if off[fits].max() <= site.following:
+            text += (
+                f"; a lag of {1e3 * lags[fits]:.0f} ms would fit: if that is the controller's own, "
+                "set controller.latency above it"
+            )
+        return Finding("following", text)
+
+    @staticmethod
+    def _shows(sums: Array, fits: int) -> bool:
+        """Whether the lag that fits best, an index, is told from others by the distances (n,) of all lags, rad."""
+        apart = round(_LAG_APART / _LAG_STEP)
+        others = [k for k in (fits - apart, fits + apart) if 0 <= k < len(sums)]
+        return bool(min(sums[others]) > sums[fits] + _LAG_SHOWS)
 
     def stands(self, feedback: JointFeedback, positions: Array) -> str:
         """Why the robot does not stand where it has to be for a motion to begin; empty if it does."""
-        off = np.abs(feedback.positions - positions)
-        axis = int(off.argmax())
-        if off[axis] <= self._site.start_tolerance:
+        off, most = np.abs(feedback.positions - positions), np.array(self._site.start_tolerances)
+        axis = int((off / most).argmax())
+        if off[axis] <= most[axis]:
             return ""
         return (
             f"the robot stands {1e3 * off[axis]:.2f} mrad off on {AXIS_NAMES[axis]}, at most "
-            f"{1e3 * self._site.start_tolerance:.2f} mrad; plan from where it stands"
+            f"{1e3 * most[axis]:.2f} mrad; plan from where it stands"
         )
 
     def robot(self, status: RobotStatus | None, moving: bool) -> Finding | None:
@@ -154,7 +176,8 @@ class Monitor:
         if status.problem:
             return Finding("robot", status.problem)
         if moving and status.drives_powered == 0:
-            return Finding("robot", "the servos are off")
+            text = "the servos are off: was remote turned off, or a safety circuit opened?"
+            return Finding("robot", text)
         if moving and status.motion_possible == 0:
             return Finding(
                 "robot",

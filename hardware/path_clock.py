@@ -1,9 +1,10 @@
 """Speed override, hold and resume along a trajectory's own path: only the clock changes, and never with a jerk.
 
 The trajectory is q(s) at its knots s_k, cubic in between; what is sent are points q(s) at times t with velocities
-q'(s) r, r = ds/dt. While the rate r is constant these are the same curves, at r = 1 bit for bit the trajectory's
-samples. A change of rate follows a quintic r(t) that ends with r' = r'' = 0; its time is the shortest at which velocity,
-acceleration and jerk of the very cubics that the controller will run keep their limits.
+q'(s) r, r = ds/dt. The controller takes whole milliseconds and float32 numbers, so that is what a point has here: its
+time is a whole millisecond, and its values are the path's at that very time, rounded once. At r = 1 from the begin the
+points are the trajectory's own samples. A change of rate follows a quintic r(t) that ends with r' = r'' = 0; its time is
+the shortest at which velocity, acceleration and jerk of the very cubics that the controller will run keep their limits.
 """
 
 from dataclasses import dataclass
@@ -12,8 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.hardware._rate_change import RateChange, RateState, plausible
-from unwrinkle.hardware._sent_cubics import CubicPath, StreamLimits, extremes
+from unwrinkle.hardware._sent_cubics import (
+    CubicPath,
+    StreamLimits,
+    ceil_ms,
+    extremes,
+    whole_ms,
+)
 from unwrinkle.models.errors import InputError
+from unwrinkle.planning.sent import as_float32
 from unwrinkle.planning.trajectory import Trajectory
 
 __all__ = ["PathClock", "Sample", "StreamLimits", "extremes"]
@@ -21,9 +29,9 @@ __all__ = ["PathClock", "Sample", "StreamLimits", "extremes"]
 Array = NDArray[np.float64]
 
 _AT_REST = 1e-6  # velocity at a trajectory's ends, rad/s
-_ROUNDING = 1e-9  # of a step
+_ROUNDING = 1e-9  # s
 #: Times of a change of rate that are tried, s.
-_TIMES = np.geomspace(0.06, 6.0, 45)
+_TIMES = np.unique(np.round(np.geomspace(0.06, 6.0, 45), 3))
 #: A braking under way is replaced by one that ends sooner by at least this share, while more than so long is left, s.
 _SOONER, _WORTH = 0.88, 0.12
 #: That is tried at every so many points: a search takes some milliseconds, and the points have to be sent on time.
@@ -35,9 +43,9 @@ class Sample:
     """One point as it is sent.
 
     Attributes:
-        time: on the stream's clock, s, from 0; it stands still while the path rests.
-        positions: (13,) rad, on the path.
-        velocities: (13,) rad/s.
+        time: on the stream's clock, a whole ms, in s, from 0; it stands still while the path rests.
+        positions: (13,) rad, on the path, rounded to float32.
+        velocities: (13,) rad/s, rounded to float32.
         s: time on the trajectory's own clock, s.
         rate: ds/dt there.
     """
@@ -69,7 +77,8 @@ class PathClock:
         Args:
             trajectory: from rest to rest.
             limits: that changes of rate keep; what the trajectory itself uses at rate 1 is allowed, too.
-            step: nominal distance of points, s; points of a change of rate are at most two of it apart.
+            step: nominal distance of points, s. Points that are not the trajectory's own samples are two of it apart
+                or more: rounded to float32, closer ones would shake the jerk by some percent of its limit.
             rate: wanted at the start, 0 to 1.
             longest: greatest distance of points at a constant rate, s.
 
@@ -91,7 +100,6 @@ class PathClock:
         self._change: RateChange | None = None
         self._next = 0  # of the change's points
         self._anchor = (0.0, 0.0)  # stream time and s from which the rate is constant
-        self._part = (0.0, 0, 0)  # start (s), number and count of the parts of the present interval
         self._state = RateState(0.0, 0.0, self._target, 0.0, 0.0)
         self.last: Sample | None = None
 
@@ -166,8 +174,8 @@ class PathClock:
     def _produce(self, time: float) -> Sample | None:
         """The next point, if its time has come."""
         if self.last is None:
-            first = self.trajectory
-            return Sample(0.0, first.positions[0], first.velocities[0], 0.0, self._target)
+            q, slope = self._path.knot(0)
+            return Sample(0.0, as_float32(q), as_float32(slope), 0.0, self._target)
         if self.done:
             return None
         if self._change is not None:
@@ -178,7 +186,7 @@ class PathClock:
 
     def _changing(self, change: RateChange, time: float) -> Sample | None:
         i = self._next
-        if change.times[i] > time:
+        if change.times[i] > time + _ROUNDING:
             return None
         self._next += 1
         self._state = change.state(i)
@@ -197,30 +205,31 @@ class PathClock:
     def _settle(self, time: float, s: float) -> None:
         """From here on the rate is constant."""
         self._anchor = (time, s)
-        self._part = (s, 0, 0)
         self._state = RateState(time, s, self._target, 0.0, 0.0)
 
     def _constant(self, time: float) -> Sample | None:
-        """At a constant rate: the path's knots, and equal parts between them where they are far apart."""
-        rate = self._target
-        start, part, count = self._part
-        if part == count:  # the next interval
-            start = self._state.s
-            end = self._path.knot_after(start)
-            gap = (end[1] - start) / rate
-            part, count = 0, max(1, int(np.ceil(gap / self._longest - _ROUNDING)))
-        knot, at_knot = self._path.knot_after(start)
-        s = at_knot if part + 1 == count else start + (at_knot - start) * (part + 1) / count
-        when = self._anchor[0] + (s - self._anchor[1]) / rate
-        if when > time:
+        """At a constant rate: the trajectory's own samples at the full rate, else points in even steps."""
+        rate, state = self._target, self._state
+        knot, at_knot = self._path.knot_after(state.s + _ROUNDING)
+        steps = 2.0 * self._step
+        if rate == 1.0 and self._path.has_knot(state.s):
+            gap = at_knot - state.s
+            steps = gap / max(1, int(np.ceil(gap / self._longest - _ROUNDING)))
+        elif rate < 1.0:
+            steps = min(max(steps, self._step / rate), self._longest)
+        when = whole_ms(state.time + max(steps, 1e-3))
+        s = self._anchor[1] + (when - self._anchor[0]) * rate
+        if s > self._path.end - 0.5e-3 * rate:  # less than half a millisecond would be left
+            left = (self._path.end - self._anchor[1]) / rate
+            when = max(ceil_ms(self._anchor[0] + left), whole_ms(state.time + 1e-3))
+            knot, s = len(self._path.knots) - 1, self._path.end
+        elif abs(s - at_knot) < _ROUNDING:
+            s = at_knot
+        if when > time + _ROUNDING:
             return None
-        self._part = (start, part + 1, count)
         self._state = RateState(when, s, rate, 0.0, 0.0)
-        if part + 1 == count:
-            q, slope = self._path.knot(knot)
-        else:
-            q, slope = self._path.at(s)
-        return Sample(when, q, slope if rate == 1.0 else slope * rate, s, rate)
+        q, slope = self._path.knot(knot) if s == self._path.knots[knot] else self._path.at(s)
+        return Sample(when, as_float32(q), as_float32(slope * rate), s, rate)
 
     # Changing the rate
 

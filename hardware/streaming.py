@@ -34,22 +34,35 @@ DWELL = 0.1
 SKEW = 0.02
 #: A controller that is busy may be behind the host's reckoning by so much, s.
 BUSY_ROOM = 0.02
+#: Part of a millisecond by which a point's time is sent later, so that no rounding makes the cut one fall short.
+_INSIDE = 0.4
 #: Nothing runs out within rounding, s.
 _ROUNDING = 1e-6
 _NO_VELOCITY = np.zeros(13)
 _ALL = -1
 
 
+def sent_time(when: float) -> float:
+    """The time to put in a message for a point at a whole millisecond, s: the controller cuts it to that millisecond."""
+    return (round(1e3 * when) + _INSIDE) / 1e3
+
+
+def most_lag(site: ControllerSite) -> float:
+    """Greatest lag of the feedback that is looked for, s: well beyond what the site allows, to tell what it is."""
+    return max(0.5, 2.0 * site.latency)
+
+
 class PointStream:
     """Sends the points of one path.
 
-    The stream's clock is the one of the points' times. The robot runs it from the moment its first point of motion is
+    The stream's clock is the one of the points' times, which are whole milliseconds. The robot runs it from the moment its first point of motion is
     sent; while the path rests it stands still. Points are sent until they are `lead` ahead of it.
 
     Attributes:
         clock: of the path.
         acknowledged: points that every group has taken.
         skew: difference of the groups' last start, s.
+        offsets: (13,) how much later than the first group each axis' group was started last, s.
         problem: why it cannot go on; empty while it can.
         stopped: nothing more is sent.
     """
@@ -79,6 +92,7 @@ class PointStream:
         self._arrays: tuple[Array, Array, Array, Array] | None = None
         self.acknowledged = 0
         self.skew = 0.0
+        self.offsets = np.zeros(13)
         self.problem = ""
         self.stopped = False
 
@@ -126,6 +140,15 @@ class PointStream:
             + h * x * (1.0 - x) * (v[i] * (1.0 - x) - v[i + 1] * x)
         )
         return value
+
+    def commanded_to(self, times: Array) -> Array:
+        """The same, where each group began as much later as it was started later."""
+        if not self.offsets.any():
+            return self.commanded(times)
+        positions = np.empty((len(times), 13))
+        for axes in GROUP_AXES.values():
+            positions[:, axes] = self.commanded(times - self.offsets[axes][0])[:, axes]
+        return positions
 
     def ran_out(self, now: float) -> str:
         """Why the controller has nothing to run in the midst of motion; empty if it has."""
@@ -218,6 +241,7 @@ class PointStream:
         starts = self._starts.values()
         if self._anchor is None and self.acknowledged > 0:
             self.skew = max(starts) - min(starts)
+            self._note_offsets(min(starts))
             if self.skew > SKEW:
                 self.problem = f"the control groups started {1e3 * self.skew:.0f} ms apart, at most {1e3 * SKEW:.0f} ms"
         begin = min(starts)
@@ -231,6 +255,11 @@ class PointStream:
         self._taken = self._point[1]
         self._point, self._busy = None, False
         self.acknowledged += 1
+
+    def _note_offsets(self, begin: float) -> None:
+        for group, start in self._starts.items():
+            if group != _ALL:
+                self.offsets[GROUP_AXES[self._site.groups[group]]] = start - begin
 
     def _produce(self, now: float) -> None:
         """Send the next point if it is due."""
@@ -266,7 +295,8 @@ class PointStream:
         else:
             self._send_all(now)
 
-    def _encoded(self, time: float, q: Array, v: Array) -> dict[int, Message]:
+    def _encoded(self, when: float, q: Array, v: Array) -> dict[int, Message]:
+        time = sent_time(when)
         groups = [GROUP_AXES[name] for name in self._site.groups]
         if self._site.profile == "ex":
             points = tuple(
@@ -287,7 +317,7 @@ class PointStream:
 
     def _remember(self, time: float, sample: Sample, now: float) -> None:
         self._history.append((time, sample.s, sample.positions, sample.velocities))
-        oldest = self.executed(now) - self._site.latency - 0.5
+        oldest = self.executed(now) - most_lag(self._site) - 0.5
         while len(self._history) > 2 and self._history[1][0] < oldest:
             self._history.popleft()
         self._arrays = None

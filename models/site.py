@@ -14,6 +14,9 @@ VELOCITIES = ("differences", "reported")
 GRIPPERS = ("digital", "can", "none")
 CAMERAS = ("none", "folder", "watch", "opencv", "gphoto2", "openni2")
 GROUPS = ("r1", "r2", "ext_axis")
+#: Encoder pulses of the turn-table and of an arm's S, L, U, R, B, T, 1/rad: what 30 pulses are on the real controller
+#: (0.31; 0.365, 0.40, 0.38, 0.53, 0.64, 1.49 mrad). ASSUMED for the turn-table.
+PULSES_PER_RADIAN = (96774.0, 82192.0, 75000.0, 78947.0, 56604.0, 46875.0, 20134.0)
 
 
 @dc.dataclass
@@ -23,6 +26,7 @@ class ControllerSite:
     host: str = "127.0.0.1"
     motion_port: int = 50240
     state_port: int = 50241
+    # Asked only where the grippers are the controller's outputs; no firmware before MotoROS 1.6.0 has it.
     io_port: int = 50242
     # groups: one JOINT_TRAJ_PT_FULL per group (the CloPeMa controller of 2013). ex: one JOINT_TRAJ_PT_FULL_EX for all.
     profile: str = "groups"
@@ -31,12 +35,19 @@ class ControllerSite:
     synchro: str = "off"
     # What the controller's groups 0, 1, 2 are. From the CloPeMa client.
     groups: list[str] = field(default_factory=lambda: ["r1", "r2", "ext_axis"])
+    # Groups that the firmware moves. It takes points of the others and drops them: MotoROS as published moves r1 and r2
+    # alone on a DX100. ASSUMED: all three, as CloPeMa's.
+    groups_moved: list[str] = field(default_factory=lambda: ["r1", "r2", "ext_axis"])
+    # Share of an axis' speed above which the controller refuses a point (its speed governor, parameter RCnG147).
+    # ASSUMED: 0.4, of CloPeMa's own parameter file.
+    speed_cap: float = 0.4
     # differences of positions, or as reported: feedback of controllers before MotoROS 1.8.0 is scaled wrongly.
     velocities: str = "differences"
     connect_timeout: float = 3.0
     reply_timeout: float = 0.5
-    # A point is sent again after busy_retry, for at most busy_limit.
-    busy_retry: float = 0.005
+    # A point is sent again after busy_retry, for at most busy_limit. The controller is busy for up to one interpolation
+    # period after every point.
+    busy_retry: float = 0.002
     busy_limit: float = 2.0
     # Servo on, and the INFORM job ready.
     start_timeout: float = 8.0
@@ -45,12 +56,16 @@ class ControllerSite:
     # Feedback older than this: hold; older than that: fault.
     hold_after: float = 0.10
     fault_after: float = 0.25
-    # The greatest delay between a point's time and its being seen in the feedback that is no fault. ASSUMED.
-    latency: float = 0.10
+    # The greatest delay between a point's time and its being seen in the feedback that is no fault. ASSUMED: 0.15 s were
+    # measured on a DX100, 0.25 s on a DX200 (ros-industrial/motoman issues 219, 252).
+    latency: float = 0.25
     # Largest distance of an axis from its path, the lag taken out. ASSUMED.
     following: float = 0.02
-    # Largest distance of the robot from a trajectory's first sample; the controller's own is 30 pulses, about 1 mrad.
-    start_tolerance: float = 1e-3
+    # Largest distance of an axis from a trajectory's first sample: start_tolerance, and the controller's own, in pulses
+    # (30; 10 before MotoROS 1.8.2). Pulses of a radian: turn-table, then S, L, U, R, B, T of both arms.
+    start_tolerance: float = 3e-4
+    start_pulses: float = 30.0
+    pulses_per_radian: list[float] = field(default_factory=lambda: list(PULSES_PER_RADIAN))
     # So far ahead of the robot points are sent: what a hold cannot take back, and how long the host may be late.
     lead: float = 0.12
     # A poll of the driver that comes later than this is late; so many late ones are a fault.
@@ -58,6 +73,15 @@ class ControllerSite:
     late_budget: int = 20
     # Rest between two trajectories; multi-group controllers need 0.3 s (ros-industrial/motoman issue 185).
     pause: float = 0.3
+
+    @property
+    def start_tolerances(self) -> list[float]:
+        """Largest distance of each axis from a trajectory's first sample, (13,) rad: turn-table, right arm, left arm."""
+        each = [
+            min(self.start_tolerance, self.start_pulses / pulses)
+            for pulses in self.pulses_per_radian
+        ]
+        return [*each, *each[1:]]
 
 
 @dc.dataclass
@@ -136,6 +160,11 @@ class Site:
     pan_tilt: PanTiltSite = field(default_factory=PanTiltSite)
     cameras: CameraSite = field(default_factory=CameraSite)
 
+    @property
+    def needs_io(self) -> bool:
+        """Whether anything is connected to the controller's inputs and outputs."""
+        return self.grippers.kind == "digital"
+
     def validate(self) -> None:
         """Refuse values that no site can have."""
         c, g = self.controller, self.grippers
@@ -151,6 +180,24 @@ class Site:
         if sorted(c.groups) != sorted(GROUPS):
             raise InputError(
                 f"site: controller.groups must name {', '.join(GROUPS)} once each, got {c.groups}"
+            )
+        if not set(c.groups_moved) <= set(GROUPS) or not c.groups_moved:
+            raise InputError(
+                f"site: controller.groups_moved must name some of {', '.join(GROUPS)}, got {c.groups_moved}"
+            )
+        if not 0.0 < c.speed_cap <= 1.0:
+            raise InputError(
+                f"site: controller.speed_cap is {c.speed_cap:g}; give a share of the axes' speed, above 0, up to 1"
+            )
+        pulses = c.pulses_per_radian
+        if len(pulses) != 7 or not all(isfinite(value) and value > 0.0 for value in pulses):
+            raise InputError(
+                "site: controller.pulses_per_radian needs 7 positive numbers: turn-table, S, L, U, R, B, T"
+            )
+        if not (c.start_tolerance > 0.0 and c.start_pulses > 0.0):
+            raise InputError(
+                "site: controller.start_tolerance and start_pulses must be positive, got "
+                f"{c.start_tolerance:g} rad and {c.start_pulses:g} pulses"
             )
         if not c.host:
             raise InputError("site: controller.host is empty; give the controller's address")

@@ -3,7 +3,8 @@
 from collections import deque
 
 from unwrinkle.hardware.link import TcpLink
-from unwrinkle.hardware.wire import Framer, Message
+from unwrinkle.hardware.wire import Message
+from unwrinkle.simulation._controller_reads import Unread
 
 
 class Connection:
@@ -11,15 +12,19 @@ class Connection:
 
     Attributes:
         link: to the client.
-        framer: of what it sends.
         waiting: its messages that are not answered yet.
+        rest: of a read that a fault has cut, which the next read brings.
+        since: when the first byte came of what a fault puts together, s; None while none has come.
+        credit: bytes that a slow reader may read by now.
     """
 
-    def __init__(self, link: TcpLink, framer: Framer) -> None:
+    def __init__(self, link: TcpLink) -> None:
         """Serve a link."""
         self.link = link
-        self.framer = framer
-        self.waiting: deque[Message] = deque()
+        self.waiting: deque[Message | Unread] = deque()
+        self.rest = b""
+        self.since: float | None = None
+        self.credit = 0.0
         self._pieces = bytearray()
 
     def send(self, data: bytes, split: bool) -> None:

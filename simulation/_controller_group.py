@@ -1,4 +1,10 @@
-"""One control group of the virtual controller: its queue of increments, cubic interpolation, braking."""
+"""One control group of the virtual controller: points become increments, increments move the axes.
+
+It behaves as MotoROS 1.9.12 does (ros-industrial/motoman, MotionServer.c, read and not copied): a point's time is cut
+to whole milliseconds, increments are those of one interpolation period of a cubic, parts of a period are put together
+when they are run, and what was taken is only worked into the queue at the next period: until then the group is busy.
+Positions, speeds between points, numbers that are not finite and the order of sequence numbers are not checked.
+"""
 
 from collections import deque
 from dataclasses import dataclass
@@ -12,8 +18,6 @@ Array = NDArray[np.float64]
 
 #: Trajectories of four hours and more are refused.
 LONGEST = 14400.0
-# Rounding, no excess: of float32 positions and of planned speeds, relative; and of float32 times, s.
-_POSITION, _SPEED, _TIME = 1e-5, 1e-2, 1e-5
 # A queue that runs out slower than this runs out at rest, rad/s.
 _AT_REST = 1e-4
 
@@ -24,60 +28,35 @@ class Axes:
 
     Attributes:
         indices: among the robot's axes.
-        lower, upper: positions, rad.
-        velocity: rad/s.
+        velocity: above which a point is refused, rad/s.
         braking: of servos whose commands have ended, rad/s^2.
         start: most that the first point may lie off, rad.
+        moved: whether the firmware sends the group's increments to the servos.
     """
 
     indices: NDArray[np.int64]
-    lower: Array
-    upper: Array
     velocity: Array
     braking: Array
     start: Array
+    moved: bool = True
 
 
-class _Cubic:
-    """From one point to the next."""
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """A point as the firmware keeps it: time in whole ms, positions and velocities (A,)."""
 
-    def __init__(self, t: float, q: Array, v: Array, t1: float, q1: Array, v1: Array) -> None:
-        step = t1 - t
-        slope = (q1 - q) / step
-        self.begin, self.end, self._step = t, t1, step
-        self._q, self._v, self.q1, self.v1 = q, v, q1, v1
-        self._b = (3.0 * slope - 2.0 * v - v1) / step
-        self._a = (v + v1 - 2.0 * slope) / step**2
+    time: int
+    positions: Array
+    velocities: Array
 
-    def at(self, t: float) -> tuple[Array, Array]:
-        """Positions and velocities."""
-        if t >= self.end:
-            return self.q1, self.v1
-        u = t - self.begin
-        return (
-            ((self._a * u + self._b) * u + self._v) * u + self._q,
-            (3.0 * self._a * u + 2.0 * self._b) * u + self._v,
-        )
 
-    def peak_speed(self) -> Array:
-        """Greatest speed of each axis."""
-        peak = np.maximum(np.abs(self._v), np.abs(self.v1))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            u = -self._b / (3.0 * self._a)
-        u = np.where((u > 0.0) & (u < self._step), u, 0.0)
-        return np.maximum(peak, np.abs((3.0 * self._a * u + 2.0 * self._b) * u + self._v))
+@dataclass(frozen=True, eq=False)
+class _Increment:
+    """What the axes move within one period, or a part of it: its end in ms, way and speed at the end (A,)."""
 
-    def within(self, lower: Array, upper: Array) -> bool:
-        """Whether it stays in these positions."""
-        third = self._step / 3.0
-        hull = np.stack(
-            [self._q, self._q + third * self._v, self.q1 - third * self.v1, self.q1]
-        )  # of Bézier: the cubic lies inside
-        if not ((hull < lower) | (hull > upper)).any():
-            return True
-        u = np.linspace(0.0, self._step, 65)[:, None]
-        q = ((self._a * u + self._b) * u + self._v) * u + self._q
-        return not ((q < lower) | (q > upper)).any()
+    end: int
+    way: Array
+    velocities: Array
 
 
 class ControlGroup:
@@ -86,24 +65,24 @@ class ControlGroup:
     Attributes:
         axes: what they can do.
         positions, velocities: (A,) commanded now, rad and rad/s.
-        sequence: of the point that is expected next.
         underruns: how often the queue ran out in motion.
     """
 
-    def __init__(self, axes: Axes, start: Array, period: float, depth: int) -> None:
-        """Stand at start (A,)."""
+    def __init__(self, axes: Axes, start: Array, period: int, depth: int) -> None:
+        """Stand at start (A,); the period of interpolation is in ms, the queue holds `depth` increments."""
         self.axes = axes
         self._period, self._depth = period, depth
         self.positions = start.copy()
         self.velocities = np.zeros_like(start)
-        self.sequence = 0
         self.underruns = 0
-        self._queue: deque[tuple[Array, Array]] = deque()
-        self._offset = np.zeros_like(start)
-        self._last: tuple[float, Array, Array] | None = None
-        self._cubic: _Cubic | None = None
-        self._origin, self._ticks = 0.0, 1
-        self._braking = False
+        self._queue: deque[_Increment] = deque()
+        self._run = 0  # time up to which increments were run, ms
+        self._pending: _Point | None = None  # taken, not wholly in the queue yet
+        self._from: _Point | None = None  # where the pending point's cubic begins
+        self._at = _Point(0, start.copy(), np.zeros_like(start))  # of the last increment made
+        self._leftover = 0  # of a period that the last increment has begun, ms
+        self._made = start.copy()  # positions up to which increments were made
+        self._braking = True  # the queue was emptied, or has run out
 
     @property
     def count(self) -> int:
@@ -113,101 +92,97 @@ class ControlGroup:
     @property
     def busy(self) -> bool:
         """Whether the point before is not wholly in the queue yet."""
-        return self._cubic is not None and self._next <= self._cubic.end + _TIME
+        return self._pending is not None
 
     @property
     def moving(self) -> bool:
         """Whether increments wait or an axis moves."""
-        return bool(self._queue) or self._rest_of_cubic or bool(self.velocities.any())
+        return bool(self._queue) or self.busy or bool(self.velocities.any())
 
-    @property
-    def _next(self) -> float:
-        return self._origin + self._ticks * self._period
+    def first(self, point: GroupPoint) -> int:
+        """Take a trajectory's first point; why it is refused, a `Subcode`, else 0."""
+        start = self._read(point)
+        self._at, self._leftover, self._run = start, 0, start.time
+        self._made = self.positions.copy()
+        if (np.abs(start.positions - self.positions) > self.axes.start).any():
+            return Subcode.INVALID_START
+        return self._too_fast(start)
 
-    @property
-    def _rest_of_cubic(self) -> bool:
-        """Whether the last point lies between two increments and nothing follows it."""
-        if self._cubic is None:
-            return False
-        return self._cubic.end > self._next - self._period + _TIME
-
-    def problem(self, point: GroupPoint, sequence: int) -> int:
-        """Why a point cannot be taken, a `Subcode`; 0 if it can."""
-        if point.time is None or point.positions is None or point.velocities is None:
-            return Subcode.INVALID_INSUFFICIENT
-        if sequence != 0 and (sequence != self.sequence or self._last is None):
-            return Subcode.INVALID_SEQUENCE
-        size = len(self.positions)
-        numbers = np.array((point.positions, point.velocities, point.accelerations or (0.0,) * 10))
-        if not np.isfinite(numbers).all() or numbers[:, size:].any():
-            return Subcode.INVALID_DATA
-        if not 0.0 <= point.time < LONGEST:
-            return Subcode.INVALID_TIME
-        q, v = numbers[0, :size], numbers[1, :size]
-        limits = self.axes
-        if ((q < limits.lower - _POSITION) | (q > limits.upper + _POSITION)).any():
-            return Subcode.INVALID_POSITION
-        if (np.abs(v) > limits.velocity * (1.0 + _SPEED)).any():
-            return Subcode.INVALID_SPEED
-        if sequence == 0:
-            off = np.abs(q - self.positions) > limits.start
-            return Subcode.INVALID_START if off.any() else 0
-        assert self._last is not None
-        if point.time <= self._last[0]:
-            return Subcode.INVALID_TIME
-        cubic = _Cubic(*self._last, point.time, q, v)
-        if (cubic.peak_speed() > limits.velocity * (1.0 + _SPEED)).any():
-            return Subcode.INVALID_SPEED
-        if not cubic.within(limits.lower - _POSITION, limits.upper + _POSITION):
-            return Subcode.INVALID_POSITION
+    def add(self, point: GroupPoint) -> int:
+        """Take a further point; why it is refused, a `Subcode`, else 0. It must not be busy."""
+        found = self._read(point)
+        if subcode := self._too_fast(found):
+            return subcode
+        self._pending = found
         return 0
 
-    def add(self, point: GroupPoint, sequence: int) -> None:
-        """Take a point that has no `problem`."""
+    def clear(self) -> None:
+        """Empty the queue; the axes brake if they move."""
+        self._queue.clear()
+        self._pending = self._from = None
+        self._braking = True
+
+    def forget(self) -> None:
+        """Drop the point that is not in the queue yet; the queue stays."""
+        self._pending = self._from = None
+
+    def work(self) -> None:
+        """Put the point that was taken into the queue, as far as it has room."""
+        if self._pending is None:
+            return
+        end = self._pending
+        if self._from is None:
+            self._from = self._at
+        while self._at.time < end.time:
+            if len(self._queue) >= self._depth:
+                return
+            self._queue.append(self._next(self._from, end))
+        self._pending = self._from = None
+
+    def advance(self, playing: bool) -> None:
+        """Move on by one interpolation period; `playing`: increments are run."""
+        if not playing or not self._queue:
+            self._brake()
+            return
+        taken = self._queue.popleft()
+        way, before, self._run = taken.way, self._run, taken.end
+        # Parts of one period are run together.
+        while self._queue and self._queue[0].end - before <= self._period:
+            taken = self._queue.popleft()
+            way, self._run = way + taken.way, taken.end
+        self._braking = False
+        if self.axes.moved:
+            self.positions = self.positions + way
+            self.velocities = taken.velocities.copy()
+
+    def _read(self, point: GroupPoint) -> _Point:
         assert point.time is not None and point.positions is not None
         assert point.velocities is not None
         size = len(self.positions)
-        t, q, v = point.time, np.array(point.positions[:size]), np.array(point.velocities[:size])
-        if sequence == 0:
-            self.clear()
-            self._offset = np.zeros(size)
-            self._origin, self._ticks = t, 1
+        # float32, as the firmware computes it; what is no number becomes 0, as a processor's conversion may.
+        scaled = np.float32(point.time) * np.float32(1000.0)
+        time = int(scaled) if np.isfinite(scaled) else 0
+        return _Point(time, np.array(point.positions[:size]), np.array(point.velocities[:size]))
+
+    def _too_fast(self, point: _Point) -> int:
+        over = np.abs(point.velocities) > self.axes.velocity
+        return Subcode.INVALID_SPEED if over.any() else 0
+
+    def _next(self, start: _Point, end: _Point) -> _Increment:
+        """The next increment of the cubic from a point to the pending one."""
+        step = self._leftover or self._period
+        time = self._at.time + step
+        if time < end.time:
+            self._leftover = 0
+            positions, velocities = _cubic(start, end, time)
+            self._at = _Point(time, positions, velocities)
         else:
-            assert self._last is not None
-            if not self._queue and not self._rest_of_cubic:
-                self._origin, self._ticks = self._last[0], 1
-            self._cubic = _Cubic(*self._last, t, q, v)
-        self._last = (t, q, v)
-        self.sequence = sequence + 1
-        self._fill()
-
-    def clear(self) -> None:
-        """Empty the queue; the axes brake if they move, and a point 0 has to come next."""
-        self._queue.clear()
-        self._cubic, self._last = None, None
-        self.sequence = 0
-        self._braking = True
-
-    def advance(self) -> None:
-        """Move on by one interpolation period."""
-        if self._queue:
-            q, v = self._queue.popleft()
-            self._fill()
-        elif self._cubic is not None and self._rest_of_cubic:
-            q, v = self._cubic.q1, self._cubic.v1
-            self._cubic = None
-        else:
-            self._brake()
-            return
-        self._braking = False
-        self.positions = q + self._offset
-        self.velocities = v.copy()
-
-    def _fill(self) -> None:
-        """Put increments into the queue as far as it and the points go."""
-        while len(self._queue) < self._depth and self._cubic is not None and self.busy:
-            self._queue.append(self._cubic.at(self._next))
-            self._ticks += 1
+            if time > end.time:
+                self._leftover = time - end.time
+            self._at = end
+        way = self._at.positions - self._made
+        self._made = self._at.positions
+        return _Increment(self._at.time, way, self._at.velocities)
 
     def _brake(self) -> None:
         """Slow down as servos do whose commands have ended."""
@@ -216,11 +191,21 @@ class ControlGroup:
         if not self._braking and np.abs(self.velocities).max() > _AT_REST:
             self.underruns += 1
         self._braking = True
-        step = self._period
+        step = 1e-3 * self._period
         speed = np.maximum(np.abs(self.velocities) - self.axes.braking * step, 0.0)
         after = np.copysign(speed, self.velocities)
-        way = 0.5 * step * (self.velocities + after)
+        self.positions = self.positions + 0.5 * step * (self.velocities + after)
         self.velocities = np.where(speed > 0.0, after, 0.0)
-        self.positions = self.positions + way
-        # Increments that still come are added to where the axes stand.
-        self._offset = self._offset + way
+
+
+def _cubic(start: _Point, end: _Point, time: int) -> tuple[Array, Array]:
+    """Positions and velocities of the cubic between two points at a time in ms."""
+    step = 1e-3 * (end.time - start.time)
+    u = 1e-3 * (time - start.time)
+    slope = (end.positions - start.positions) / step
+    b = (3.0 * slope - 2.0 * start.velocities - end.velocities) / step
+    a = (start.velocities + end.velocities - 2.0 * slope) / step**2
+    return (
+        ((a * u + b) * u + start.velocities) * u + start.positions,
+        (3.0 * a * u + 2.0 * b) * u + start.velocities,
+    )

@@ -1,8 +1,9 @@
 """Digital inputs and outputs of the virtual controller."""
 
+import struct
+
 from unwrinkle.hardware.wire import (
     CommType,
-    IoReply,
     IoResult,
     Message,
     MessageType,
@@ -18,7 +19,6 @@ from unwrinkle.hardware.wire import (
     WriteIoGroup,
     WriteIoGroupReply,
     WriteIoReply,
-    ping,
 )
 
 # First and last address; the last digit is a bit, 0 to 7. General inputs ASSUMED to mirror the general outputs.
@@ -44,11 +44,7 @@ class InputsAndOutputs:
 
     def answer(self, message: Message) -> list[Message]:
         """The reply to one message."""
-        if message.comm != CommType.REQUEST:
-            return [_invalid(Subcode.INVALID_HEADER)]
         try:
-            if message.type == MessageType.PING:
-                return [ping(CommType.REPLY, ReplyCode.SUCCESS)]
             if message.type == MessageType.READ_IO_BIT:
                 return [self._read(ReadIo.of(message).address)]
             if message.type == MessageType.WRITE_IO_BIT:
@@ -58,8 +54,14 @@ class InputsAndOutputs:
             if message.type == MessageType.WRITE_IO_GROUP:
                 return [self._write_group(WriteIoGroup.of(message))]
         except WireError:
-            return [_invalid(Subcode.INVALID_SIZE)]
-        return [_invalid(Subcode.INVALID_TYPE)]
+            return [self.refusal(Subcode.INVALID_SIZE)]
+        return [self.refusal(Subcode.INVALID_TYPE)]
+
+    @staticmethod
+    def refusal(subcode: int) -> Message:
+        """The reply to what cannot be read: typed and sized as a motion reply, with result and subcode in front."""
+        body = struct.pack("<2i", Result.INVALID, subcode).ljust(60, b"\0")
+        return Message(MessageType.MOTION_REPLY, CommType.REPLY, ReplyCode.SUCCESS, body)
 
     def _read(self, address: int) -> Message:
         if not _known(address, _READABLE):
@@ -101,7 +103,3 @@ class InputsAndOutputs:
 
 def _code(result: int) -> int:
     return ReplyCode.SUCCESS if result == IoResult.OK else ReplyCode.FAILURE
-
-
-def _invalid(subcode: int) -> Message:
-    return IoReply(Result.INVALID, subcode).to_message(reply=ReplyCode.FAILURE)

@@ -16,34 +16,34 @@ class Pendant:
         servo, trajectory_mode: on or off.
     """
 
-    def __init__(self) -> None:
-        """In play mode, remote, servos off."""
+    def __init__(self, keeps_queue: bool = False) -> None:
+        """In play mode, remote, servos off; `keeps_queue`: hold and the mode key leave the queues as they are."""
+        self._keeps_queue = keeps_queue
         self.mode, self.remote = PLAY, True
         self.e_stop = self.hold = self.servo = self.trajectory_mode = False
         self.alarm, self._lasting = 0, False
 
     @property
     def not_ready(self) -> int:
-        """Why no trajectory can run now, a `Subcode`; 0 if one can."""
-        if problem := self.not_startable:
-            return problem
-        if not self.servo:
-            return Subcode.NOT_READY_SERVO_OFF
-        return 0 if self.trajectory_mode else Subcode.NOT_READY_WAITING_ROS
-
-    @property
-    def not_startable(self) -> int:
-        """Why trajectory mode cannot be started now, a `Subcode`; 0 if it can."""
+        """Why no trajectory can run now, a `Subcode`, the first that the firmware looks at; 0 if one can."""
         for wrong, code in (
             (self.alarm != 0, Subcode.NOT_READY_ALARM),
             (self.e_stop, Subcode.NOT_READY_E_STOP),
             (self.mode != PLAY, Subcode.NOT_READY_NOT_PLAY),
             (not self.remote, Subcode.NOT_READY_NOT_REMOTE),
+            (not self.servo, Subcode.NOT_READY_SERVO_OFF),
             (self.hold, Subcode.NOT_READY_HOLD),
+            (not self.trajectory_mode, Subcode.NOT_READY_NOT_STARTED),
         ):
             if wrong:
                 return code
         return 0
+
+    @property
+    def not_startable(self) -> bool:
+        """Whether something keeps trajectory mode from being started."""
+        wrong = self.alarm != 0 or self.e_stop or self.mode != PLAY or not self.remote
+        return wrong or self.hold
 
     def stop(self) -> None:
         """Let nothing move on."""
@@ -92,9 +92,10 @@ class Pendant:
         self.alarm, self._lasting = 0, False
 
     def press_hold(self) -> None:
-        """The axes brake, whatever was queued is gone; servos and trajectory mode stay on."""
+        """The axes brake, whatever was queued is gone (but in 2013); servos and trajectory mode stay on."""
         self.hold = True
-        self.stop()
+        if not self._keeps_queue:
+            self.stop()
 
     def release_hold(self) -> None:
         """Trajectories may come again."""
@@ -102,4 +103,5 @@ class Pendant:
 
     def _drop(self) -> None:
         self.servo = self.trajectory_mode = False
-        self.stop()
+        if not self._keeps_queue:
+            self.stop()

@@ -56,8 +56,8 @@ def motion_fault(faults: Faults, message: Message) -> list[Message]:
         result, subcode = Result.INVALID, Subcode.INVALID_START
     if result < 0:
         return []
-    code = ReplyCode.SUCCESS if result == Result.BUSY else ReplyCode.FAILURE
-    return [MotionReply(group, sequence, command, result, subcode).to_message(reply=code)]
+    told = MotionReply(group, sequence, command, result, subcode)
+    return [told.to_message(reply=ReplyCode.SUCCESS)]
 
 
 def io_fault(faults: Faults, message: Message) -> list[Message]:

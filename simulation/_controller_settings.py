@@ -1,8 +1,13 @@
 """What differs between virtual controllers, and what one remembers."""
 
 from dataclasses import dataclass
+from math import isfinite
 
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.site import GROUPS, PULSES_PER_RADIAN, ControllerSite
+
+#: Versions of MotoROS whose behaviour is known.
+FIRMWARE = ("1.9.12", "2013")
 
 
 @dataclass(frozen=True)
@@ -10,45 +15,79 @@ class VirtualControllerSettings:
     """What differs between controllers. Times in s, angles in rad.
 
     Attributes:
-        period: of interpolation. ASSUMED 4 ms, common on a DX100, which reads it at run time.
+        firmware: "1.9.12" of MotoROS, or that of "2013": it takes one message per read, and hold leaves the queue.
+        period: of interpolation, whole ms. ASSUMED 4 ms, common on a DX100, which reads it at run time; CloPeMa's
+            own file says 8 ms.
+        delay: from an increment to the axes' motion and its feedback: at least 0.15 s was measured on a DX100
+            (ros-industrial/motoman issue 219).
         depth: increments that a group's queue holds.
         start_pulses: most that a first point may lie off.
-        pulses_per_radian: of each axis. ASSUMED: 30 pulses are 1 mrad.
+        pulses_per_radian: of the turn-table and of S, L, U, R, B, T of both arms, (7,).
+        speed_cap: share of the axes' speed above which a point is refused (parameters RCnG147).
+        moved: groups whose increments are sent to the servos, of "r1", "r2", "ext_axis"; the others' are taken and
+            dropped.
         braking: of servos whose commands have ended, rad/s^2. ASSUMED, for every axis.
         servo_time: until the servos are on. ASSUMED.
         job_time: until the job waits for points. ASSUMED.
+        leaving: after the motion connection has ended the queue is run for so long, then it stays as it is.
         accepts: points as "groups" (one message each), "ex" (one for all) or "both".
         synchro: whether it knows `CHECK_SYNCHRO`, as the CloPeMa controller does.
-        stamps: whether feedback carries the controller's time.
-        possible_early: whether `motion_possible` is told as soon as trajectory mode could be started. ASSUMED; if
-            not, only when it is.
+        stamps: whether feedback carries the controller's time; MotoROS never does.
         feedback_period: between two sets of feedback.
         keep: messages, points and periods that are remembered, each.
     """
 
+    firmware: str = "1.9.12"
     period: float = 0.004
+    delay: float = 0.15
     depth: int = 200
     start_pulses: float = 30.0
-    pulses_per_radian: float = 30000.0
+    pulses_per_radian: tuple[float, ...] = PULSES_PER_RADIAN
+    speed_cap: float = 1.0
+    moved: tuple[str, ...] = GROUPS
     braking: float = 10.0
     servo_time: float = 0.3
     job_time: float = 0.1
+    leaving: float = 0.05
     accepts: str = "both"
     synchro: bool = False
-    stamps: bool = True
-    possible_early: bool = True
+    stamps: bool = False
     feedback_period: float = 0.025
     keep: int = 20000
 
     def __post_init__(self) -> None:
         """Refuse settings that no controller has."""
+        if self.firmware not in FIRMWARE:
+            raise InputError(
+                f"virtual controller: firmware '{self.firmware}'; {' or '.join(FIRMWARE)}"
+            )
         if self.accepts not in ("groups", "ex", "both"):
             raise InputError(f"virtual controller: accepts '{self.accepts}'; groups, ex or both")
-        for name in ("period", "pulses_per_radian", "braking", "feedback_period"):
+        for name in ("period", "braking", "feedback_period", "speed_cap"):
             if not getattr(self, name) > 0.0:
                 raise InputError(f"virtual controller: {name} must be positive")
+        if len(self.pulses_per_radian) != 7 or not min(self.pulses_per_radian) > 0.0:
+            raise InputError("virtual controller: pulses_per_radian needs 7 positive numbers")
+        if abs(1e3 * self.period - round(1e3 * self.period)) > 1e-9:
+            raise InputError("virtual controller: period must be whole milliseconds")
+        if not (isfinite(self.delay) and self.delay >= 0.0):
+            raise InputError(f"virtual controller: delay is {self.delay}; give 0 or more")
+        if unknown := set(self.moved) - set(GROUPS):
+            raise InputError(f"virtual controller: moved has unknown groups: {', '.join(unknown)}")
         if self.depth < 1 or self.keep < 1:
             raise InputError("virtual controller: depth and keep must be at least 1")
+
+    @classmethod
+    def of_site(cls, site: ControllerSite) -> "VirtualControllerSettings":
+        """Settings of a controller that a site's keys describe."""
+        return cls(
+            accepts=site.profile,
+            synchro=site.synchro != "off",
+            start_pulses=site.start_pulses,
+            pulses_per_radian=tuple(site.pulses_per_radian),
+            speed_cap=site.speed_cap,
+            moved=tuple(site.groups_moved),
+        )
 
 
 @dataclass(frozen=True)
@@ -58,7 +97,7 @@ class AcceptedPoint:
     Attributes:
         clock: the controller's, s.
         sequence: of the point.
-        time: from the trajectory's begin, s.
+        time: from the trajectory's begin as sent, s.
         positions, velocities: of the group's axes, rad and rad/s.
     """
 
@@ -67,3 +106,8 @@ class AcceptedPoint:
     time: float
     positions: tuple[float, ...]
     velocities: tuple[float, ...]
+
+    @property
+    def milliseconds(self) -> int:
+        """The time as the controller takes it."""
+        return int(1000.0 * self.time)

@@ -8,18 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from unwrinkle.hardware.link import TcpLink
-from unwrinkle.hardware.wire import (
-    Command,
-    Framer,
-    Message,
-    MessageType,
-    MotionControl,
-    WireError,
-)
+from unwrinkle.hardware.wire import Command, Message, MessageType, MotionControl
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.simulation._controller_connection import Connection
 from unwrinkle.simulation._controller_faults import KINDS, Faults, ServerFault, spoilt
 from unwrinkle.simulation._controller_feedback_faults import FeedbackFaults
+from unwrinkle.simulation._controller_reads import Unread, read_messages
 from unwrinkle.simulation._controller_reply_faults import (
     begin_on_pendant,
     end_on_pendant,
@@ -35,9 +29,10 @@ Array = NDArray[np.float64]
 
 MOTION, STATE, IO = "motion", "state", "io"
 _MOST_CONNECTIONS = {MOTION: 1, STATE: 4, IO: 1}
-#: Bytes that are read from a connection in one poll.
-_MOST_READ = 1 << 16
-_MOST_MESSAGE = 1024
+#: Bytes that one read brings at most: the firmware's room for one message.
+_MOST_READ = 560
+#: Reads of one connection in one poll.
+_MOST_READS = 32
 #: After a gap in its polls the controller makes up so much, s.
 _MADE_UP = 1.0
 # Each axis' group and its place in it.
@@ -53,7 +48,7 @@ class ControllerServer:
     Attributes:
         controller: that it serves.
         ports: of motion, state and I/O.
-        rejected: what was no message: name of the port and of the `WireError`.
+        rejected: what was no message: name of the port, and "size" or "type".
         events: what happened, with the time since the first poll, s; the newest thousand.
     """
 
@@ -130,16 +125,13 @@ class ControllerServer:
 
         Args:
             now: of any monotonic clock, s.
-            measured, velocities: (13,) of the axes now, rad and rad/s; where left out, those commanded.
+            measured, velocities: (13,) of the axes now, rad and rad/s; where left out, those the axes are told.
         """
         if self._first is None:
             self._first = now
         self._now = max(now - self._first, self._now)
         self._change_faults()
-        for name in (MOTION, STATE, IO):
-            self._read(name)
-            if self._accept(name):
-                self._read(name)
+        self.answer()
         self._interpolate()
         for reply in self.controller.late_replies():
             self._answer(MOTION, reply)
@@ -149,6 +141,14 @@ class ControllerServer:
             for connection in connections:
                 connection.flush(split)
             self._forget_closed(name)
+
+    def answer(self) -> None:
+        """Accept, read and answer what has come by now, without moving on."""
+        for name in (MOTION, STATE, IO):
+            self._read(name)
+            if self._accept(name):
+                self._read(name)
+        self._go_on()
 
     def commit(self, fault: ServerFault) -> None:
         """Take on a further fault; its times are those of this server's clock, as ever."""
@@ -194,15 +194,19 @@ class ControllerServer:
                 break
             link = TcpLink(accepted, f"{name} client {address[0]}:{address[1]}")
             connections = self._connections[name]
-            if name == MOTION and connections and not self.controller.moving:
+            if name == MOTION and connections and not any(self.controller.queued):
                 connections[0].link.close("replaced by a second motion connection")
                 self._forget_closed(MOTION)
             if len(connections) >= _MOST_CONNECTIONS[name]:
                 link.close(f"more than {_MOST_CONNECTIONS[name]} {name} connections")
                 self._tell(f"{link.name} refused: {link.closed}")
                 continue
-            connections.append(Connection(link, Framer(_MOST_MESSAGE, lenient=True)))
+            connections.append(Connection(link))
             self._tell(f"{link.name} connected")
+            if name == MOTION:
+                if any(self.controller.queued):
+                    self._tell("increments that were left in the queues are run")
+                self.controller.connection_made()
             new = True
         return new
 
@@ -214,6 +218,8 @@ class ControllerServer:
             self._tell(why if why.startswith(who) else f"{who}: {why}")
             if name == MOTION:
                 self.controller.connection_lost()
+                if any(self.controller.queued):
+                    self._tell("the queues are not empty; they are run at the next connection")
 
     def _tell(self, text: str) -> None:
         self.events.append((self._now, text))
@@ -221,46 +227,79 @@ class ControllerServer:
     # ------------------------------------------------------------ messages
 
     def _read(self, name: str) -> None:
-        """Read what has come and answer it; a connection that sends garbage is closed."""
-        if name == MOTION and self.controller.starting:
-            return  # busy with the start; what comes waits
+        """Read what has come and answer it, as the firmware does: read by read."""
         silent = self._faults.any_of("silent", f"silent_{name}") is not None
-        slow = self._faults.any_of("slow")
-        most = _MOST_READ if slow is None else max(int(slow.value), 0) or 16
         for connection in self._connections[name]:
-            data = connection.link.receive(most)
-            if silent:
-                connection.waiting.clear()
-                continue
-            garbage = ""
-            try:
-                connection.waiting += connection.framer.feed(data)
-            except WireError as error:
-                connection.waiting += error.messages
-                garbage = error.name
-            while connection.waiting and not connection.link.closed:
-                if name == MOTION and self.controller.starting:
+            for _ in range(_MOST_READS):
+                if connection.link.closed or (name == MOTION and self.controller.starting):
+                    break  # busy with the start; what comes waits
+                data = self._one_read(connection, name)
+                if not data:
                     break
-                self._handle(name, connection.waiting.popleft(), connection)
-            if garbage:
-                self.rejected.append((name, garbage))
-                connection.link.close(f"sent no message: {garbage}")
+                if silent or name == STATE:  # which only tells
+                    continue
+                self._take(name, data, connection)
         self._forget_closed(name)
 
-    def _handle(self, name: str, message: Message, connection: Connection) -> None:
-        if name == STATE:
-            return  # it only tells
-        if name == IO:
-            replies, handle = io_fault(self._faults, message), self.controller.handle_io
+    def _go_on(self) -> None:
+        """Answer messages that came with a start of trajectory mode, once that is done."""
+        for connection in self._connections[MOTION]:
+            while connection.waiting and not self.controller.starting:
+                self._handle(MOTION, connection.waiting.popleft(), connection)
+
+    def _one_read(self, connection: Connection, name: str) -> bytes:
+        """What the next read brings; faults delay it, or cut it in two."""
+        if slow := self._faults.any_of("slow"):
+            connection.credit += slow.value or 16.0
+            if connection.credit < _MOST_READ:
+                return b""
+            connection.credit = 0.0
+        if name != MOTION:
+            return connection.link.receive(_MOST_READ)
+        if rest := connection.rest:
+            connection.rest = b""
+            return rest
+        if together := self._faults.any_of("coalesce"):
+            # What comes within so long of the first byte is read at once.
+            waits = connection.link.wait(0.0)
+            if not waits or connection.link.closed:
+                connection.since = None
+                return connection.link.receive(_MOST_READ)
+            connection.since = self._now if connection.since is None else connection.since
+            if self._now - connection.since < together.value - 1e-9:
+                return b""
+            connection.since = None
+        data = connection.link.receive(_MOST_READ)
+        if (cut := self._faults.any_of("cut")) and len(data) > 1:
+            place = min(int(cut.value) or 20, len(data) - 1)
+            connection.rest, data = data[place:], data[:place]
+        return data
+
+    def _take(self, name: str, data: bytes, connection: Connection) -> None:
+        """Answer one read."""
+        found = read_messages(data, self.controller.settings.firmware)
+        if name == MOTION and len(found) > 1 and not any(isinstance(m, Unread) for m in found):
+            self.controller.audit.several(len(found))
+        connection.waiting.extend(found)
+        while connection.waiting and not connection.link.closed:
+            if name == MOTION and self.controller.starting:
+                break
+            self._handle(name, connection.waiting.popleft(), connection)
+
+    def _handle(self, name: str, message: Message | Unread, connection: Connection) -> None:
+        handle = self.controller.handle_io if name == IO else self.controller.handle_motion
+        replies: list[Message] = []
+        if isinstance(message, Unread):
+            self.rejected.append((name, message.name))
         else:
-            replies, handle = motion_fault(self._faults, message), self.controller.handle_motion
-        if replies:
+            replies = (io_fault if name == IO else motion_fault)(self._faults, message)
+        if replies and not isinstance(message, Unread):
             self.controller.messages.append((self.controller.time, message))
         else:
             replies = handle(message)
         for reply in replies:
             self._answer(name, reply)
-        if name == MOTION and _is_disconnect(message):
+        if name == MOTION and not replies and _is_disconnect(message):
             connection.link.flush()
             connection.link.close("disconnected")
 
@@ -292,9 +331,13 @@ class ControllerServer:
         if due <= self._sets:
             return
         self._sets = due
-        q = self.controller.positions if measured is None else np.asarray(measured, dtype=float)
+        q = (
+            self.controller.axis_positions
+            if measured is None
+            else np.asarray(measured, dtype=float)
+        )
         v = (
-            self.controller.velocities
+            self.controller.axis_velocities
             if velocities is None
             else np.asarray(velocities, dtype=float)
         )
@@ -334,7 +377,7 @@ class ControllerServer:
                 self._forget_closed(name)
 
 
-def _is_disconnect(message: Message) -> bool:
-    if message.type != MessageType.MOTION_CTRL:
+def _is_disconnect(message: Message | Unread) -> bool:
+    if isinstance(message, Unread) or message.type != MessageType.MOTION_CTRL:
         return False
     return MotionControl.of(message).command == Command.DISCONNECT

@@ -1,11 +1,16 @@
-"""A virtual robot controller: modes, servos, queues and interpolation of a DX100 with MotoROS.
+"""A virtual robot controller: modes, servos, queues and interpolation of a DX100 with MotoROS 1.9.12.
 
 It knows no sockets and no clock: messages are handed to it, and `advance` moves it on by one
 interpolation period. The thirteen axes are turn-table, right arm, left arm; its control groups are
 0 the right arm (r1), 1 the left arm (r2), 2 the turn-table (ext_axis).
+
+It is as lax and as terse as the firmware (docs/deployment.md names its source and what is not known of it). What a
+client should not have sent is noted in `audit`, and refused only where the firmware refuses it. Above all: **its queues
+outlive the motion connection**, and are run again when the next one is accepted.
 """
 
 from collections import deque
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,9 +35,12 @@ from unwrinkle.hardware.wire import (
     ping,
 )
 from unwrinkle.models.errors import InputError
-from unwrinkle.simulation._controller_group import Axes, ControlGroup
+from unwrinkle.models.site import GROUPS
+from unwrinkle.simulation._controller_audit import Audit, AuditLimits
+from unwrinkle.simulation._controller_group import LONGEST, Axes, ControlGroup
 from unwrinkle.simulation._controller_io import InputsAndOutputs
 from unwrinkle.simulation._controller_pendant import PLAY, TEACH, Pendant
+from unwrinkle.simulation._controller_reads import Unread
 from unwrinkle.simulation._controller_settings import AcceptedPoint, VirtualControllerSettings
 
 __all__ = [
@@ -60,8 +68,9 @@ class VirtualController(Pendant):
         inputs, outputs: digital ones by address, 0 or 1.
         received: the points that were accepted, of each group, oldest first.
         messages: what was handed to it, with its clock.
-        trace: clock, positions (13,) and velocities (13,) of each period.
+        trace: clock, positions (13,) and velocities (13,) as commanded, of each period.
         points: trajectory points accepted so far, by all groups.
+        audit: rules that a client has broken, whether the firmware minds or not.
         mode, remote, e_stop, hold, alarm, servo, trajectory_mode: see `Pendant`.
     """
 
@@ -71,7 +80,7 @@ class VirtualController(Pendant):
         start: ArrayLike,
         limits: tuple[ArrayLike, ArrayLike, ArrayLike],
     ) -> None:
-        """Stand at `start` (13,) rad in play mode, remote, servos off.
+        """Stand at `start` (13,) rad in play mode, remote, servos off, with a motion connection.
 
         Args:
             settings: of it.
@@ -92,21 +101,24 @@ class VirtualController(Pendant):
         ):
             if array.shape != (AXES,) or not np.isfinite(array).all():
                 raise InputError(f"virtual controller: {name} needs {AXES} finite numbers")
-        super().__init__()
+        super().__init__(keeps_queue=settings.firmware == "2013")
         self.settings = settings
-        tolerance = settings.start_pulses / settings.pulses_per_radian
-        self._groups = []
-        for axes in GROUP_AXES:
-            i, one = np.array(axes), np.ones(len(axes))
+        pulses = np.array(settings.pulses_per_radian)
+        self._tolerance = settings.start_pulses / np.concatenate([pulses, pulses[1:]])
+        period = round(1e3 * settings.period)
+        self._groups: list[ControlGroup] = []
+        self._limits: list[AuditLimits] = []
+        for name, axes in zip(GROUPS, GROUP_AXES, strict=True):
+            i = np.array(axes)
             limit = Axes(
                 i,
-                lower[i],
-                upper[i],
-                velocity[i],
-                settings.braking * one,
-                tolerance * one * (1.0 + 1e-9),
+                settings.speed_cap * velocity[i] * (1.0 + 1e-9),
+                np.full(len(axes), settings.braking),
+                self._tolerance[i] * (1.0 + 1e-9),
+                name in settings.moved,
             )
-            self._groups.append(ControlGroup(limit, begin[i], settings.period, settings.depth))
+            self._groups.append(ControlGroup(limit, begin[i], period, settings.depth))
+            self._limits.append(AuditLimits(lower[i], upper[i], velocity[i]))
         self._io = InputsAndOutputs()
         self.inputs, self.outputs = self._io.inputs, self._io.outputs
         keep = settings.keep
@@ -114,10 +126,18 @@ class VirtualController(Pendant):
         self.messages: deque[tuple[float, Message]] = deque(maxlen=keep)
         self.trace: deque[tuple[float, Array, Array]] = deque(maxlen=keep)
         self.points = 0
+        self.audit = Audit()
         self._accepted = [0] * len(GROUP_AXES)
         self._ticks = 0
         self._starting: tuple[MotionControl, float] | None = None
         self._late: list[Message] = []
+        self._previous: Message | None = None  # reply, which unknown commands get once more
+        self._parted: float | None = None  # when the motion connection ended
+        rest = np.zeros(AXES)
+        self._under_way = deque(
+            [(begin, rest)] * (round(settings.delay / settings.period) + 1),
+            maxlen=round(settings.delay / settings.period) + 1,
+        )
 
     # ------------------------------------------------------------ state
 
@@ -137,9 +157,21 @@ class VirtualController(Pendant):
         return self._gather([group.velocities for group in self._groups])
 
     @property
+    def axis_positions(self) -> Array:
+        """Where the axes are told to be by now, (13,) rad: what was commanded the settings' delay ago."""
+        return self._under_way[0][0]
+
+    @property
+    def axis_velocities(self) -> Array:
+        """Velocities of the axes by now, (13,) rad/s; see `axis_positions`."""
+        return self._under_way[0][1]
+
+    @property
     def moving(self) -> bool:
-        """Whether an axis moves or an increment waits."""
-        return any(group.moving for group in self._groups)
+        """Whether an axis moves, or will by an increment that waits."""
+        if any(group.moving for group in self._groups):
+            return True
+        return not np.array_equal(self._under_way[0][0], self._under_way[-1][0])
 
     @property
     def queued(self) -> tuple[int, ...]:
@@ -157,17 +189,25 @@ class VirtualController(Pendant):
         return self._starting is not None
 
     @property
+    def playing(self) -> bool:
+        """Whether increments that wait are run."""
+        return self._parted is None or self.time < self._parted + self.settings.leaving - 1e-9
+
+    @property
     def status(self) -> RobotStatusBody:
-        """What ROBOT_STATUS tells."""
-        possible = self.not_startable if self.settings.possible_early else self.not_ready
+        """What ROBOT_STATUS tells where the axes are measured to be where they are told to be."""
+        return self._status(self.axis_positions)
+
+    def _status(self, measured: Array) -> RobotStatusBody:
+        off = np.abs(measured - self.positions) > self._tolerance
         return RobotStatusBody(
             drives_powered=int(self.servo),
             e_stopped=int(self.e_stop),
             error_code=self.alarm,
             in_error=int(self.alarm != 0),
-            in_motion=int(self.moving),
+            in_motion=int(any(self.queued) or bool(off.any())),
             mode=1 if self.mode == TEACH else 2,
-            motion_possible=int(not possible),
+            motion_possible=int(not self.not_ready),
         )
 
     @staticmethod
@@ -182,9 +222,18 @@ class VirtualController(Pendant):
         for group in self._groups:
             group.clear()
 
+    # ------------------------------------------------------------ the motion connection
+
+    def connection_made(self) -> None:
+        """A motion connection is accepted: whatever waits in the queues is run from now on."""
+        self._parted = None
+
     def connection_lost(self) -> None:
-        """The motion connection has ended: empty all queues, and forget a start under way."""
-        self.stop()
+        """The motion connection has ended: its tasks end a little later, and the queues stay as they are."""
+        if self._parted is None:
+            self._parted = self.time
+        for group in self._groups:
+            group.forget()
         self._starting = None
         self._late.clear()
 
@@ -194,9 +243,13 @@ class VirtualController(Pendant):
         """Move on by one interpolation period."""
         self._ticks += 1
         self._start_up()
+        playing = self.playing and not self.not_ready
         for group in self._groups:
-            group.advance()
-        self.trace.append((self.time, self.positions, self.velocities))
+            if playing:
+                group.work()
+            group.advance(playing)
+        self._under_way.append((self.positions, self.velocities))
+        self.trace.append((self.time, *self._under_way[-1]))
 
     def late_replies(self) -> list[Message]:
         """Replies that took the controller time; each is given once."""
@@ -209,10 +262,10 @@ class VirtualController(Pendant):
         """One set of feedback: one message per group, one for all unless it knows groups alone, the status.
 
         Args:
-            positions, velocities: (13,) measured, rad and rad/s; where left out, those commanded.
+            positions, velocities: (13,) measured, rad and rad/s; where left out, those the axes are told.
         """
-        q = self.positions if positions is None else np.asarray(positions, dtype=float)
-        v = self.velocities if velocities is None else np.asarray(velocities, dtype=float)
+        q = self.axis_positions if positions is None else np.asarray(positions, dtype=float)
+        v = self.axis_velocities if velocities is None else np.asarray(velocities, dtype=float)
         stamp = self.time if self.settings.stamps else None
         bodies = tuple(
             FeedbackBody(number, stamp, tuple(q[list(axes)]), tuple(v[list(axes)]))
@@ -221,60 +274,67 @@ class VirtualController(Pendant):
         messages = [body.to_message() for body in bodies]
         if self.settings.accepts != "groups":
             messages.append(MultiFeedback(bodies).to_message())
-        return [*messages, self.status.to_message()]
+        return [*messages, self._status(q).to_message()]
 
     # ------------------------------------------------------------ messages
 
-    def handle_io(self, message: Message) -> list[Message]:
+    def handle_io(self, message: Message | Unread) -> list[Message]:
         """Answer a message on the connection for inputs and outputs."""
+        if isinstance(message, Unread):
+            return [self._io.refusal(message.subcode)]
         self.messages.append((self.time, message))
         return self._io.answer(message)
 
-    def handle_motion(self, message: Message) -> list[Message]:
-        """Answer a message on the motion connection; START_TRAJ_MODE is answered by `late_replies`."""
+    def handle_motion(self, message: Message | Unread) -> list[Message]:
+        """Answer a message on the motion connection.
+
+        START_TRAJ_MODE is answered by `late_replies`; DISCONNECT with empty queues is not, the connection ends.
+        """
+        if isinstance(message, Unread):
+            return self._said(_unread(message))
         self.messages.append((self.time, message))
         kind = message.type
-        if message.comm != CommType.REQUEST:
-            return [_reply(-1, -1, kind, Result.INVALID, Subcode.INVALID_HEADER)]
         try:
             if kind == MessageType.PING:
                 return [ping(CommType.REPLY, ReplyCode.SUCCESS)]
             if kind == MessageType.MOTION_CTRL:
                 return self._command(MotionControl.of(message))
             if kind == MessageType.JOINT_TRAJ_PT_FULL and self.settings.accepts != "ex":
-                point = TrajectoryPoint.of(message)
+                point = TrajectoryPoint.of(_known_fields(message, (8,)))
                 result = self._take((point.point,), point.sequence)
-                return [_reply(point.group, point.sequence, kind, *result)]
+                return self._said(_reply(point.group, point.sequence, kind, *result))
             if kind == MessageType.JOINT_TRAJ_PT_FULL_EX and self.settings.accepts != "groups":
-                points = MultiPoint.of(message)
-                result = self._take_all(points)
-                return [_reply(-1, points.sequence, kind, *result)]
-        except WireError as error:
-            subcode = Subcode.INVALID_GROUP if error.name == "groups" else Subcode.INVALID_DATA
-            return [_reply(-1, -1, kind, Result.INVALID, subcode)]
-        return [_reply(-1, -1, kind, Result.INVALID, Subcode.INVALID_TYPE)]
+                points = MultiPoint.of(_known_fields(message, range(12, len(message.body), 132)))
+                result = self._take(points.groups, points.sequence)
+                last = points.groups[-1].group
+                return self._said(_reply(last, points.sequence, kind, *result))
+        except WireError:  # a number of groups that cannot be
+            return self._said(_reply(-1, -1, kind, Result.INVALID, Subcode.INVALID_DATA))
+        return self._said(_reply(-1, -1, kind, Result.INVALID, Subcode.INVALID_TYPE))
 
-    def _take_all(self, points: MultiPoint) -> tuple[int, int]:
-        """Take a point of all groups; every group has to be there."""
-        if sorted(point.group for point in points.groups) != list(range(len(self._groups))):
-            return Result.INVALID, Subcode.INVALID_GROUP
-        return self._take(points.groups, points.sequence)
+    def _said(self, reply: Message) -> list[Message]:
+        self._previous = reply
+        return [reply]
 
     def _take(self, points: tuple[GroupPoint, ...], sequence: int) -> tuple[int, int]:
-        """Take points of one sequence number, all or none; the result and its subcode."""
-        if any(not 0 <= point.group < len(self._groups) for point in points):
-            return Result.INVALID, Subcode.INVALID_GROUP
+        """Take points of one sequence number, in order; the result and its subcode."""
         if subcode := self.not_ready:
             return Result.NOT_READY, subcode
         for point in points:
-            group = self._groups[point.group]
-            if group.busy or (sequence == 0 and group.moving):
+            if not 0 <= point.group < len(self._groups):
+                return Result.INVALID, Subcode.INVALID_GROUP
+            if sequence != 0 and self._groups[point.group].busy:
                 return Result.BUSY, 0
+            if point.time is None or point.positions is None or point.velocities is None:
+                return Result.INVALID, Subcode.INVALID_INSUFFICIENT
+            if point.time >= LONGEST:
+                return Result.INVALID, Subcode.INVALID_TIME
+        if sequence < 0:
+            return Result.INVALID, Subcode.INVALID_SEQUENCE
         for point in points:
-            if subcode := self._groups[point.group].problem(point, sequence):
+            group = self._groups[point.group]
+            if subcode := group.first(point) if sequence == 0 else group.add(point):
                 return Result.INVALID, subcode
-        for point in points:
-            self._groups[point.group].add(point, sequence)
             self._remember(point, sequence)
         return Result.SUCCESS, 0
 
@@ -284,6 +344,7 @@ class VirtualController(Pendant):
         size = len(GROUP_AXES[point.group])
         self._accepted[point.group] += 1
         self.points = min(self._accepted)
+        self.audit.point(point, sequence, self._limits[point.group])
         self.received[point.group].append(
             AcceptedPoint(
                 self.time,
@@ -299,45 +360,47 @@ class VirtualController(Pendant):
         if asked.command == Command.START_TRAJ_MODE:
             return self._start(asked)
         result, subcode = Result.SUCCESS, 0
-        if not -1 <= asked.group < len(self._groups):
-            result, subcode = Result.INVALID, Subcode.INVALID_GROUP
-        elif asked.command == Command.CHECK_MOTION_READY:
+        if asked.command == Command.CHECK_MOTION_READY:
             subcode = self.not_ready
             result = Result.FAILURE if subcode else Result.SUCCESS
         elif asked.command == Command.CHECK_QUEUE_COUNT:
-            subcode = max(self.queued) if asked.group < 0 else self.queued[asked.group]
+            known = 0 <= asked.group < len(self._groups)
+            subcode = self.queued[asked.group] if known else -1
+            result = Result.SUCCESS if known else Result.FAILURE
         elif asked.command == Command.CHECK_SYNCHRO and self.settings.synchro:
             # ASSUMED: drained are groups whose points are wholly in their queues.
             subcode = sum(group.busy for group in self._groups)
             result = Result.FAILURE if subcode else Result.SUCCESS
         elif asked.command == Command.STOP_MOTION:
             self.stop()
+            self.audit.stopped()
         elif asked.command == Command.START_SERVOS:
-            subcode = self.not_startable
-            result = Result.NOT_READY if subcode else Result.SUCCESS
-            self.servo = self.servo or not subcode
+            result = Result.FAILURE if self.not_startable else Result.SUCCESS
+            self.servo = self.servo or not self.not_startable
         elif asked.command == Command.STOP_SERVOS:
             self.switch_servo_off()
         elif asked.command == Command.RESET_ALARM:
             result = Result.SUCCESS if self.reset_alarm() else Result.FAILURE
-        elif asked.command == Command.STOP_TRAJ_MODE:
+        elif asked.command in (Command.STOP_TRAJ_MODE, Command.DISCONNECT):
             if any(self.queued):
                 result = Result.FAILURE
             else:
                 self.trajectory_mode = False
                 self.stop()
-        elif asked.command != Command.DISCONNECT:
-            result, subcode = Result.INVALID, Subcode.INVALID_COMMAND
-        return [_reply(asked.group, asked.sequence, asked.command, result, subcode)]
+                if asked.command == Command.DISCONNECT:
+                    return []
+        else:  # its switch has no other case: the reply before is sent once more
+            return [] if self._previous is None else [self._previous]
+        return self._said(_reply(asked.group, asked.sequence, asked.command, result, subcode))
 
     def _start(self, asked: MotionControl) -> list[Message]:
         """Begin to start trajectory mode, unless it is on or cannot be."""
         answer = asked.group, asked.sequence, asked.command
         if not self.not_ready:
-            return [_reply(*answer, Result.SUCCESS)]
+            return self._said(_reply(*answer, Result.SUCCESS))
         self.reset_alarm()
-        if subcode := self.not_startable:
-            return [_reply(*answer, Result.NOT_READY, subcode)]
+        if self.not_startable:
+            return self._said(_reply(*answer, Result.NOT_READY, self.not_ready))
         if self._starting is None:
             self.stop()
             servos = 0.0 if self.servo else self.settings.servo_time
@@ -350,19 +413,48 @@ class VirtualController(Pendant):
             return
         asked, end = self._starting
         answer = asked.group, asked.sequence, asked.command
-        if subcode := self.not_startable:
-            self._late.append(_reply(*answer, Result.NOT_READY, subcode))
+        if self.not_startable:
+            self._late += self._said(_reply(*answer, Result.NOT_READY, self.not_ready))
             self._starting = None
             return
         if not self.servo and self.time >= end - self.settings.job_time:
             self.servo = True
         if self.time >= end:
             self.trajectory_mode = True
-            self._late.append(_reply(*answer, Result.SUCCESS))
+            self._late += self._said(_reply(*answer, Result.SUCCESS))
             self._starting = None
 
 
+def _known_fields(message: Message, places: Iterable[int]) -> Message:
+    """The message without bits of valid fields that have no meaning, which the firmware does not mind."""
+    body = bytearray(message.body)
+    for place in places:
+        body[place : place + 4] = (body[place] & 15).to_bytes(4, "little")
+    return Message(message.type, message.comm, message.reply, bytes(body))
+
+
 def _reply(group: int, sequence: int, command: int, result: int, subcode: int = 0) -> Message:
-    taken = result in (Result.SUCCESS, Result.BUSY)
-    code = ReplyCode.SUCCESS if taken else ReplyCode.FAILURE
-    return MotionReply(group, sequence, command, result, subcode).to_message(reply=code)
+    """A motion reply; its header says success whatever the result."""
+    told = MotionReply(group, sequence, command, result, subcode)
+    return told.to_message(reply=ReplyCode.SUCCESS)
+
+
+def _unread(unread: Unread) -> Message:
+    """The reply to bytes that are no whole message; it repeats what stands where its numbers would be."""
+    head = unread.head
+    known = {
+        MessageType.MOTION_CTRL: (0, 4, 8),
+        MessageType.JOINT_TRAJ_PT_FULL: (0, 4, None),
+        MessageType.JOINT_TRAJ_PT_FULL_EX: (None, 4, None),
+    }
+    places = known.get(MessageType(head.type)) if head.type in known else None
+    if places is None:
+        return _reply(-1, -1, head.type, Result.INVALID, unread.subcode)
+    body = head.body.ljust(12, b"\0")
+    group, sequence, command = (
+        int.from_bytes(body[place : place + 4], "little", signed=True)
+        if place is not None
+        else value
+        for place, value in zip(places, (0, 0, head.type), strict=True)
+    )
+    return _reply(group, sequence, command, Result.INVALID, unread.subcode)

@@ -17,6 +17,8 @@ from unwrinkle.simulation.serial_pan_tilt import PtyPort
 
 #: The system itself delivers what was sent within this, s; it takes microseconds.
 DEADLINE = 5.0
+#: Requests of the driver that are answered within one step of the clock: the controller's answer takes about a millisecond.
+MOST_ANSWERS = 12
 
 
 class ControllerLockstep:
@@ -27,20 +29,37 @@ class ControllerLockstep:
         self._driver, self._server = driver, server
 
     def poll_driver(self, now: float) -> None:
-        """Let the driver move on to a time, s, with all that the server has sent."""
+        """Let the driver move on to a time, s, with all that the server has sent, and have what it asks answered."""
+        for _ in range(MOST_ANSWERS):
+            self._await_server()
+            before = self._asked()
+            self._driver.poll(now)
+            if self._asked() == before:
+                break
+            self._await_driver()
+            self._server.answer()
+
+    def poll_server(self, now: float, poll: Callable[[], None]) -> None:
+        """Let the server move on (`poll` does) with all that the driver has sent."""
+        self._await_driver()
+        poll()
+
+    def _asked(self) -> tuple[str, int]:
+        """What changes with every request on the motion connection."""
+        link = self._driver.links.get("motion")
+        return ("", 0) if link is None else (link.closed, link.sent)
+
+    def _await_server(self) -> None:
         for name, link in self._driver.links.items():
             peers = self._server.links[name]
             if peers:
                 _await(link, peers[-1].sent)
-        self._driver.poll(now)
 
-    def poll_server(self, now: float, poll: Callable[[], None]) -> None:
-        """Let the server move on (`poll` does) with all that the driver has sent."""
+    def _await_driver(self) -> None:
         for name, link in self._driver.links.items():
             peers = self._server.links[name]
             if peers and not link.closed:
                 _await(peers[-1], link.sent)
-        poll()
 
 
 class PanTiltLockstep:

@@ -66,14 +66,18 @@ class LoopbackEquipment:
         settings = cell.scenario.station
         limits = cell.with_speed(1.0).limits
         self.controller = VirtualController(
-            VirtualControllerSettings(period=settings.plant_step),
+            dc.replace(
+                VirtualControllerSettings.of_site(site.controller), period=settings.plant_step
+            ),
             start,
             (limits.lower, limits.upper, limits.velocity),
         )
         self.server = ControllerServer(self.controller, site.controller.host, (0, 0, 0))
         ports = dict(zip(("motion_port", "state_port", "io_port"), self.server.ports, strict=True))
         self._site = dc.replace(site, controller=dc.replace(site.controller, **ports))
-        self.driver = ControllerDriver(self._site.controller, limits, log=log)
+        self.driver = ControllerDriver(
+            self._site.controller, limits, log=log, io=self._site.needs_io
+        )
         self._lockstep = ControllerLockstep(self.driver, self.server)
         self._units: VirtualPanTiltSystem | None = None
         self.driver.connect()

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class _Axes:
-    """What the controller asks of the axes, (13,) each, rad and rad/s; the jaws it commands."""
+    """What the axes are told by the controller, (13,) each, rad and rad/s; the jaws it commands."""
 
     positions: Array
     velocities: Array
@@ -79,7 +79,7 @@ class VirtualControllerSystem(LeafSystem):
 
     def _axes(self, jaws: GripperCommand) -> _Axes:
         controller = self._controller
-        return _Axes(np.array(controller.positions), np.array(controller.velocities), jaws)
+        return _Axes(controller.axis_positions, controller.axis_velocities, jaws)
 
     def _update(self, context: Context, state: State) -> None:
         self._tell_inputs(self._status.Eval(context))

@@ -101,7 +101,11 @@ def connected(site: Site, cell: Cell, log: RunLog | None = None) -> Iterator[Equ
     """
     path = None if log is None else log.path
     with DriverProcess(
-        site.controller, cell.limits, log=path, command="unwrinkle execute"
+        site.controller,
+        cell.limits,
+        log=path,
+        command="unwrinkle execute",
+        io=site.needs_io,
     ) as driver:
         if site.grippers.kind == "none":
             yield Equipment(site, driver, None, time.monotonic)

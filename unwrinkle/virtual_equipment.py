@@ -24,7 +24,7 @@ class VirtualEquipment:
     Attributes:
         controller, server: the virtual controller and what listens for it.
         devices: of the pan-tilt units' serial ports, left and right; empty without them.
-        measured: (13,) where the axes are, which lag behind what the controller commands, rad.
+        measured: (13,) where the axes are, rad.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class VirtualEquipment:
         settings: VirtualControllerSettings | None = None,
         ports: tuple[int, int, int] | None = None,
         faults: tuple[ServerFault, ...] = (),
-        lag: float = 0.02,
+        lag: float = 0.0,
         cloth: bool = True,
         pan_tilt: bool = False,
     ) -> None:
@@ -46,10 +46,10 @@ class VirtualEquipment:
             site: whose equipment is stood in for.
             limits: of the axes.
             start: (13,) where they stand, rad.
-            settings: of the controller; the site's profile and synchrony if left out.
+            settings: of the controller; those of the site's keys if left out.
             ports: of motion, state and I/O in place of the site's; 0 lets the system choose.
             faults: that the server commits.
-            lag: time constant of the axes, s; 0 for none.
+            lag: time constant of the axes behind what they are told, beside the controller's delay, s; 0 for none.
             cloth: whether grippers that close hold cloth.
             pan_tilt: whether there are pan-tilt units, as the shipped head has them.
 
@@ -58,9 +58,7 @@ class VirtualEquipment:
         """
         place = site.controller
         if settings is None:
-            settings = VirtualControllerSettings(
-                accepts=place.profile, synchro=place.synchro != "off"
-            )
+            settings = VirtualControllerSettings.of_site(place)
         self.controller = VirtualController(
             settings, start, (limits.lower, limits.upper, limits.velocity)
         )
@@ -88,7 +86,7 @@ class VirtualEquipment:
         self._now = now
         before = self.measured
         share = 1.0 - exp(-step / self._lag) if self._lag > 0.0 else 1.0
-        self.measured = before + share * (self.controller.positions - before)
+        self.measured = before + share * (self.controller.axis_positions - before)
         speed = (self.measured - before) / step if step > 0.0 else np.zeros_like(before)
         self.controller.inputs |= self._grippers.update(now, self.controller.outputs, self._cloth)
         self.server.poll(now, self.measured, speed)

@@ -13,6 +13,7 @@ from unwrinkle.hardware.wire import MessageType, MotionControl
 from unwrinkle.models.limits import Limits, load_limits
 from unwrinkle.models.loader_yaml import models_dir
 from unwrinkle.models.site import ControllerSite
+from unwrinkle.planning.sent import as_float32
 from unwrinkle.planning.trajectory import AXES, Trajectory
 from unwrinkle.simulation.controller_server import ControllerServer, ServerFault
 from unwrinkle.simulation.virtual_controller import (
@@ -20,6 +21,7 @@ from unwrinkle.simulation.virtual_controller import (
     VirtualController,
     VirtualControllerSettings,
 )
+from unwrinkle.systems.lockstep import MOST_ANSWERS
 
 TrajectoryMaker = Callable[..., Trajectory]
 
@@ -39,7 +41,8 @@ def stream_limits(limits: Limits) -> StreamLimits:
 
 @pytest.fixture(scope="session")
 def make_trajectory(stream_limits: StreamLimits) -> TrajectoryMaker:
-    """Rest-to-rest trajectories: every axis moves by a few overlapping quintics, as fast as the limits allow."""
+    """Rest-to-rest trajectories as they are sent, in float32 and whole ms: every axis moves by a few overlapping
+    quintics, as fast as the limits allow."""
 
     def make(seed: int = 0, reach: float = 0.6, start: np.ndarray | None = None) -> Trajectory:
         rng = np.random.default_rng(seed)
@@ -52,7 +55,7 @@ def make_trajectory(stream_limits: StreamLimits) -> TrajectoryMaker:
         ]
 
         def sample(duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            times = STEP * np.arange(int(np.ceil(duration / STEP)) + 1)
+            times = np.round(STEP * np.arange(int(np.ceil(duration / STEP)) + 1), 3)
             positions = np.tile(begin, (len(times), 1))
             velocities = np.zeros_like(positions)
             for axis, first, last, length in moves:
@@ -60,7 +63,7 @@ def make_trajectory(stream_limits: StreamLimits) -> TrajectoryMaker:
                 x = np.clip((times - first) / (last - first), 0.0, 1.0)
                 positions[:, axis] += length * x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
                 velocities[:, axis] += length * 30.0 * x**2 * (1.0 - x) ** 2 / (last - first)
-            return times, positions, velocities
+            return times, as_float32(positions), as_float32(velocities)
 
         duration = 0.4
         while True:
@@ -98,7 +101,7 @@ class Rig:
         self.server = ControllerServer(self.controller, faults=faults)
         motion, state, io = self.server.ports
         ports = {"motion_port": motion, "state_port": state, "io_port": io}
-        self.site = ControllerSite(**{**ports, **site})  # type: ignore[arg-type]
+        self.site = ControllerSite(**{**ports, "speed_cap": 1.0, **site})  # type: ignore[arg-type]
         self.driver = ControllerDriver(
             self.site, limits, log=log, command="test", lock_directory=folder
         )
@@ -116,13 +119,23 @@ class Rig:
         """Move on, the server first."""
         self.time += step
         if serve:
-            self.measured += (self.controller.positions - self.measured) * (
+            self.measured += (self.controller.axis_positions - self.measured) * (
                 1.0 if self.lag == 0.0 else min(step / self.lag, 1.0)
             )
             self.server.poll(self.time, self.measured)
             self._arrive(self.server.links, self.driver.links)
-        self.driver.poll(self.time)
-        self._arrive(self.driver.links, self.server.links)
+        for _ in range(MOST_ANSWERS if serve else 1):
+            before = self._asked()
+            self.driver.poll(self.time)
+            self._arrive(self.driver.links, self.server.links)
+            if not serve or self._asked() == before:
+                break
+            self.server.answer()
+            self._arrive(self.server.links, self.driver.links)
+
+    def _asked(self) -> tuple[str, int]:
+        link = self.driver.links.get("motion")
+        return ("", 0) if link is None else (link.closed, link.sent)
 
     def until(self, condition: Callable[[], bool], longest: float = 20.0) -> float:
         """Take turns until something holds; s that it took."""
@@ -174,7 +187,7 @@ class Rig:
             for k in range(count):
                 positions[k, list(axes)] = group[k].positions
                 velocities[k, list(axes)] = group[k].velocities
-        times = np.array([group.time for group in list(groups[0])[:count]])
+        times = np.array([group.milliseconds / 1e3 for group in list(groups[0])[:count]])
         return Trajectory(times, positions, velocities)
 
     def close(self) -> None:

@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import ArrayLike
 
 from unwrinkle.hardware._sent_cubics import StreamLimits, extremes
+from unwrinkle.hardware.link import TcpLink
 from unwrinkle.hardware.logging_ports import NoLog
 from unwrinkle.hardware.wire import Command
 from unwrinkle.planning.trajectory import Trajectory
@@ -92,7 +93,7 @@ def test_a_hold_at_the_very_begin(make_rig, make_trajectory: TrajectoryMaker, tu
         assert rig.state == "held", rig.reason
     rig.driver.resume(rig.next_number())
     rig.until(lambda: rig.state != "running")
-    assert rig.state == "ready" and rig.controller.underruns == 0
+    assert rig.state == "ready" and rig.controller.underruns == 0, rig.reason
     assert np.abs(rig.controller.positions - trajectory.positions[-1]).max() < 1e-6
 
 
@@ -221,12 +222,43 @@ def test_closing_in_motion_stops_all_groups(make_rig, make_trajectory: Trajector
     assert "refused: the driver is offline" in rig.reason
 
 
-def test_a_driver_connects_again(make_rig, make_trajectory: TrajectoryMaker) -> None:
+@pytest.mark.parametrize("profile", ["groups", "ex"])
+def test_what_a_dead_connection_left_in_the_queues_is_never_run(
+    make_rig, make_trajectory: TrajectoryMaker, profile: str
+) -> None:
+    rig = make_rig(faults=(ServerFault("close_all", points=60),), profile=profile)
+    rig.connect()
+    rig.run(make_trajectory(2))
+    rig.until(lambda: rig.state == "fault")
+    rig.wait(1.0)
+    assert min(rig.controller.queued) > 0 and rig.server.motion == []
+    stood = rig.controller.positions
+    for _ in range(3):  # however often somebody tries
+        rig.driver.close()
+        rig.connect()
+        assert rig.state == "fault" and "motion" not in rig.driver.links
+        assert "motion left in its queues" in rig.reason and "HOLD" in rig.reason
+        rig.run(make_trajectory(3, reach=0.1, start=stood))
+        rig.wait(0.5)
+    assert np.array_equal(rig.controller.positions, stood)
+    # The firmware itself runs what is left as soon as anybody connects.
+    link = TcpLink.connect("127.0.0.1", rig.server.ports[0], 1.0, "a stranger")
+    rig.wait(0.02)
+    assert np.abs(rig.controller.positions - stood).max() > 0.01
+    link.close()
+
+
+def test_a_driver_connects_again_once_the_queues_are_empty(
+    make_rig, make_trajectory: TrajectoryMaker
+) -> None:
     rig = make_rig(faults=(ServerFault("close_all", points=60),))
     rig.connect()
     rig.run(make_trajectory(2))
     rig.until(lambda: rig.state == "fault")
     rig.wait(1.0)
+    rig.controller.press_hold()  # the firmware empties its queues
+    rig.wait(0.1)
+    rig.controller.release_hold()
     rig.driver.close()
     rig.connect()
     assert rig.state == "ready" and rig.reason == ""

@@ -25,7 +25,8 @@ def run_into(rig: Any, trajectory: Trajectory) -> None:
     rig.run(trajectory)
     rig.until(lambda: rig.state == "fault")
     rig.wait(1.5)
-    assert rig.state == "fault" and not rig.controller.moving and not rig.driver.braking
+    assert rig.state == "fault" and not rig.driver.braking
+    assert not (rig.controller.velocities.any() or rig.controller.axis_velocities.any())
 
 
 def distance(rig: Any, trajectory: Trajectory) -> float:
@@ -99,6 +100,7 @@ def test_what_else_goes_wrong_stops_all_groups_at_once(
     rig.driver.hold(rig.next_number())
     rig.wait(0.5)
     assert rig.state == "fault" and words in rig.reason and not rig.controller.moving
+    assert not rig.controller.audit.findings
 
 
 @pytest.mark.parametrize("kind", ["close_motion", "close_all", "silent", "silent_motion", "slow"])
@@ -111,6 +113,11 @@ def test_without_a_motion_connection_nothing_moves_for_long(
     assert any(
         words in rig.reason for words in ("connection has ended", "silent about", "too slow")
     )
+    left = sum(rig.controller.queued)
+    if kind.startswith("close"):
+        assert left > 0 and "press HOLD on the pendant before anything connects" in rig.reason
+    else:
+        assert left == 0
     rig.driver.reset()
     if kind.startswith("close"):
         assert rig.state == "fault" and "connect again" in rig.reason
@@ -221,7 +228,7 @@ def test_a_robot_that_may_not_move_is_shown_and_refused(
     [
         (ServerFault("remote_off"), "remote"),
         (ServerFault("not_ready", value=5008), "job is not started"),
-        (ServerFault("hold"), "hold is pressed"),
+        (ServerFault("hold"), "is hold pressed"),  # the firmware names the servos first
     ],
 )
 def test_a_start_that_the_controller_refuses(
@@ -286,8 +293,8 @@ def test_a_late_poll_sends_no_burst(
     rig.wait(0.5)
     for _ in range(round(gap / 0.004)):  # the controller goes on, the driver sleeps
         rig.time += 0.004
-        rig.server.poll(rig.time, rig.controller.positions)
-    rig.measured = rig.controller.positions
+        rig.server.poll(rig.time, rig.controller.axis_positions)
+    rig.measured = rig.controller.axis_positions
     before = len(rig.controller.received[0])
     rig.turn()
     rig.turn()

@@ -15,6 +15,8 @@ from unwrinkle.planning.trajectory import AXES, Trajectory
 TrajectoryMaker = Callable[..., Trajectory]
 
 _PERIOD = 0.004
+#: Of a float32 position below 2 rad, rad.
+ROUNDING = 6e-8
 
 
 def arrays(samples: list[Sample]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -38,6 +40,7 @@ def distance_from_path(samples: list[Sample], trajectory: Trajectory) -> float:
     """Of the points sent, at their own s, and of the cubics between them, wherever s may be; rad."""
     curve = trajectory.interpolant()
     sent = max(np.abs(curve(sample.s) - sample.positions).max() for sample in samples)
+    assert sent <= ROUNDING
     times, positions, velocities = arrays(samples)
     s = np.array([sample.s for sample in samples])
     halves = 0.5 * (times[1:] + times[:-1])
@@ -74,18 +77,21 @@ def test_constant_rate_is_the_same_curve(
     points = PathClock(trajectory, stream_limits, rate=rate).next_until(np.inf)
     times, positions, velocities = arrays(points)
     assert np.diff(times).max() <= 0.04 + 1e-9
-    assert times[-1] == pytest.approx(trajectory.duration / rate, rel=1e-12)
+    assert 0.0 <= times[-1] - trajectory.duration / rate < 1e-3
     run = Trajectory(times, positions, velocities).interpolant()
-    t = np.linspace(0.0, times[-1], 2001)
-    assert np.abs(run(t) - trajectory.interpolant()(t * rate)).max() < 1e-12
+    t = np.linspace(0.0, times[-2], 2001)
+    assert np.abs(run(t) - trajectory.interpolant()(t * rate)).max() < ROUNDING
     own = [
         rate ** (k + 1) * value
         for k, value in enumerate(
             extremes(trajectory.times, trajectory.positions, trajectory.velocities)
         )
     ]
-    for value, scaled in zip(extremes(times, positions, velocities), own, strict=True):
-        assert (value <= scaled * (1.0 + 1e-6) + 1e-6).all()
+    step = np.diff(times).min()
+    for order, (value, scaled) in enumerate(
+        zip(extremes(times, positions, velocities), own, strict=True), start=1
+    ):
+        assert (value <= scaled * (1.0 + 1e-6) + 25.0 * ROUNDING / step**order).all()
 
 
 @settings(max_examples=40, deadline=None)
@@ -126,6 +132,10 @@ def test_limits_and_path_are_kept_through_any_changes(
     assert rates.min() >= 0.0 and rates.max() <= 1.0
     assert np.diff(times).min() > 1e-3 - 1e-9
     assert np.diff(times).max() <= 0.04 + 1e-9
+    assert np.abs(1e3 * times - np.round(1e3 * times)).max() < 1e-6
+    for point in points:
+        for values in (point.positions, point.velocities):
+            assert np.array_equal(values, values.astype(np.float32))
     assert (np.diff([point.s for point in points]) > 0.0).all()
     assert np.array_equal(positions[-1], trajectory.positions[-1])
     assert greatest_use(points, trajectory, stream_limits) <= 1.0 + 2e-6

@@ -77,7 +77,8 @@ def test_a_point_goes_out_to_all_groups_together(bench: Bench) -> None:
     bench.stream.poll(bench.now)
     points = [TrajectoryPoint.of(message) for _, message in bench.channel.sent]
     assert [point.group for point in points] == [0, 1, 2]
-    assert {point.sequence for point in points} == {0} and {point.time for point in points} == {0.0}
+    assert {point.sequence for point in points} == {0}
+    assert {point.time for point in points} == {float(np.float32(0.0004))}  # cut to 0 ms
     for _ in range(5):  # nothing more before the answers
         bench.stream.poll(bench.now)
     assert len(bench.channel.sent) == 3
@@ -114,7 +115,7 @@ def test_a_busy_group_alone_gets_the_same_point_again(bench: Bench) -> None:
     bench.channel.answer(bench.stream, bench.now)
     bench.channel.answer(bench.stream, bench.now, Result.BUSY)
     bench.channel.answer(bench.stream, bench.now)
-    bench.stream.poll(bench.now + 0.004)
+    bench.stream.poll(bench.now + 0.001)
     assert not bench.channel.sent
     bench.stream.poll(bench.now + 0.006)
     assert [message.encode() for _, message in bench.channel.sent] == [first[1]]

@@ -20,7 +20,18 @@ def controller(
         list[str] | None,
         typer.Option(metavar="KIND[=VALUE][@BEGIN[-END]]", help="A fault to commit; repeatable."),
     ] = None,
-    lag: Annotated[float, typer.Option(min=0.0, help="Time constant of the axes, s.")] = 0.02,
+    delay: Annotated[
+        float, typer.Option(min=0.0, help="From a command to the axes' motion and feedback, s.")
+    ] = 0.15,
+    firmware: Annotated[
+        str, typer.Option(help="Of the controller: 1.9.12 of MotoROS, or that of 2013.")
+    ] = "1.9.12",
+    period: Annotated[
+        float, typer.Option(help="Interpolation period, s: 0.004, or CloPeMa's 0.008.")
+    ] = 0.004,
+    lag: Annotated[
+        float, typer.Option(min=0.0, help="Time constant of the axes, beside the delay, s.")
+    ] = 0.0,
     cloth: Annotated[
         bool, typer.Option("--cloth/--no-cloth", help="Grippers that close hold cloth.")
     ] = True,
@@ -56,8 +67,11 @@ def controller(
             say(f"{kind:16} {meaning}")
         return
     found = find_site(site)
-    settings = VirtualControllerSettings(
-        accepts=found.controller.profile, synchro=found.controller.synchro != "off"
+    settings = dc.replace(
+        VirtualControllerSettings.of_site(found.controller),
+        delay=delay,
+        firmware=firmware,
+        period=period,
     )
     if profile:
         settings = dc.replace(settings, accepts=profile)
