@@ -59,6 +59,7 @@ class DriverCore:
         log: RunLogger | None = None,
         command: str = "",
         io: bool = True,
+        full_speed: Array | None = None,
         lock_directory: Path | None = None,
     ) -> None:
         """Drive the controller of a site.
@@ -69,6 +70,7 @@ class DriverCore:
             log: takes down what happens.
             command: of the owner, told to whoever finds the robot in use; the command line if empty.
             io: whether the controller's inputs and outputs are needed; firmware before MotoROS 1.6.0 has no port for them.
+            full_speed: (13,) of the axes, rad/s, that the site's speed cap is a share of; the limits' if left out.
             lock_directory: of the owner's lock; the user's runtime directory if left out.
         """
         self.site = site
@@ -84,6 +86,8 @@ class DriverCore:
         self._channel: MotionChannel | None = None
         self._io: IoChannel | None = None
         self._needs_io = io
+        self._cap = site.speed_cap * (limits.velocity if full_speed is None else full_speed)
+        self._most_override = 1.0  # that keeps the running trajectory below the cap
         self._parting: StopAndPart | None = None  # of a motion connection that has failed
         self._now = 0.0
         self._polled = False

@@ -9,12 +9,15 @@ nothing can be sent: the controller's servos brake, and **what is left in its qu
 none is made before the robot's status has said that nothing is left there.
 """
 
+import numpy as np
+
+from unwrinkle.hardware._driver_core import QUEUE_KEPT, QUEUE_LEFT
 from unwrinkle.hardware._driver_motion import ARRIVED_SPEED, DriverMotion, not_reset
 from unwrinkle.hardware._io_channel import IoChannel
 from unwrinkle.hardware._start_sequence import StartSequence
 from unwrinkle.hardware._trajectory_check import trajectory_problem
 from unwrinkle.hardware.monitor import AXIS_NAMES
-from unwrinkle.hardware.streaming import PointStream
+from unwrinkle.hardware.streaming import GROUP_AXES, PointStream
 from unwrinkle.hardware.values import (
     FAULT,
     HELD,
@@ -27,6 +30,12 @@ from unwrinkle.hardware.values import (
 from unwrinkle.models.errors import HardwareError, InputError
 from unwrinkle.planning.sent import as_sent
 from unwrinkle.planning.trajectory import Trajectory
+
+__all__ = ["QUEUE_KEPT", "QUEUE_LEFT", "ControllerDriver"]
+
+
+#: A group that moves by no more rests, rad.
+STILL = 1e-6
 
 
 class ControllerDriver(DriverMotion):
@@ -128,6 +137,13 @@ class ControllerDriver(DriverMotion):
                 self._reason = f"speed override {value} refused: give 0 to 1"
             self._publish()
             return
+        if self._state in (RUNNING, HOLDING, HELD) and not value <= self._most_override:
+            self._reason = (
+                f"speed override {value:g} refused: the controller's speed governor allows "
+                f"{self._most_override:.3f} of this trajectory's speed"
+            )
+            self._publish()
+            return
         changed = value != self._override
         self._override = float(value)
         if self._state == RUNNING and self._stream is not None:
@@ -182,9 +198,32 @@ class ControllerDriver(DriverMotion):
             return f"the driver is in fault ({self._reason}); reset it and plan anew"
         if self._state not in (READY, HELD):
             return f"the driver is {self._state}; wait until it is ready"
-        return trajectory_problem(trajectory, self.limits, AXIS_NAMES) or self._cannot_start(
-            trajectory
+        return (
+            trajectory_problem(trajectory, self.limits, AXIS_NAMES)
+            or self._beyond_firmware(trajectory)
+            or self._cannot_start(trajectory)
         )
+
+    def _beyond_firmware(self, trajectory: Trajectory) -> str:
+        """What the controller would take and not carry out, or refuse in the midst of the motion."""
+        moved = self.site.groups_moved
+        for name, axes in GROUP_AXES.items():
+            way = np.ptp(trajectory.positions[:, axes], axis=0).max()
+            if name not in moved and not way <= STILL:
+                return (
+                    f"it moves {name} by {way:.3f} rad, which this controller's firmware does not move "
+                    f"(controller.groups_moved: {', '.join(moved)}); plan with 'turntable: fixed'"
+                )
+        used = np.abs(trajectory.velocities).max(axis=0) / self._cap
+        axis = int(used.argmax())
+        self._most_override = 1.0 if used[axis] <= 1.0 else float(1.0 / used[axis])
+        if not self._override <= self._most_override:
+            return (
+                f"{AXIS_NAMES[axis]} is to move at {self._override * used[axis]:.2f} of what the controller's speed "
+                f"governor allows (controller.speed_cap {self.site.speed_cap:g}); at most {self._most_override:.3f} of the "
+                "planned speed"
+            )
+        return ""
 
     def _cannot_resume(self, stream: PointStream) -> str:
         last = stream.clock.last

@@ -22,8 +22,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from unwrinkle.hardware._driver_core import QUEUE_KEPT
-from unwrinkle.hardware.driver import ControllerDriver
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.hardware.driver import QUEUE_KEPT, ControllerDriver
 from unwrinkle.hardware.driver_thread import LEAVING, DriverThread
 from unwrinkle.hardware.logging_ports import RunLogger
 from unwrinkle.hardware.run_log import RunLog
@@ -77,6 +79,7 @@ class DriverProcess:
         log: Path | None = None,
         command: str = "",
         io: bool = True,
+        full_speed: "NDArray[np.float64] | None" = None,
     ) -> None:
         """Prepare; nothing is connected before `start`.
 
@@ -86,9 +89,10 @@ class DriverProcess:
             log: file of a run log that was begun; both processes append to it.
             command: what the lock's owner is called.
             io: whether the controller's inputs and outputs are needed.
+            full_speed: (13,) of the axes, rad/s, that the site's speed cap is a share of; the limits' if left out.
         """
         owner = f"{command or 'a program'}, process {os.getpid()}"
-        self._arguments = (site, limits, log, owner, io)
+        self._arguments = (site, limits, log, owner, io, full_speed)
         self._deadline = _START + 3.0 * site.connect_timeout
         self._lock = threading.RLock()
         self._process: subprocess.Popen[bytes] | None = None
@@ -283,11 +287,13 @@ class DriverProcess:
 
 def serve(connection: "Connection[Any, Any]") -> None:
     """What the other process does: drive until it is told to close, its parent is gone, or SIGTERM comes."""
-    site, limits, path, command, io = pickle.loads(connection.recv_bytes())
+    site, limits, path, command, io, full_speed = pickle.loads(connection.recv_bytes())
     log = RunLog.join(path) if path is not None else None
     try:
         logger: RunLogger | None = log
-        driver = ControllerDriver(site, limits, log=logger, command=command, io=io)
+        driver = ControllerDriver(
+            site, limits, log=logger, command=command, io=io, full_speed=full_speed
+        )
         with DriverThread(driver) as thread:
             gc.freeze()  # what is there stays: the collector has little to look at
             connection.send(_snapshot(thread))

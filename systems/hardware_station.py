@@ -63,6 +63,7 @@ class Equipment:
             limits,
             log=None if log is None else log.path,
             command="the closed loop",
+            io=site.needs_io,
         )
         self._opened.append(self.driver)
         try:

@@ -74,7 +74,7 @@ class SupervisorSettings:
             rest=2.0,
             answer=1.0 + c.start_timeout + c.pause,
             gripper=site.grippers.timeout + 2.0,
-            start=max(1e-3, c.start_tolerance),
+            start=min(c.start_tolerances),
             speed=site.speed,
         )
 

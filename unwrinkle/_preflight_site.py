@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from unwrinkle.hardware.driver import STILL
+from unwrinkle.hardware.streaming import GROUP_AXES
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.models.scenario import Clearances, resolve
@@ -54,6 +56,53 @@ def most_speed(site: Site, fastest: float) -> float:
     if not site.commissioning or fastest <= COMMISSIONING_TIP_SPEED:
         return 1.0
     return float(np.floor(1000.0 * COMMISSIONING_TIP_SPEED / fastest) / 1000.0)
+
+
+def governed_speed(site: Site, plan: FlatteningPlan, cell: Cell) -> float:
+    """Share of a plan's speed at which no point is above the controller's own cap on any axis."""
+    used = _used_speeds(plan, cell).max()
+    cap = site.controller.speed_cap
+    return 1.0 if used <= cap else float(np.floor(1000.0 * cap / used) / 1000.0)
+
+
+def check_governor(site: Site, plan: FlatteningPlan, cell: Cell, speed: float) -> str:
+    """Check that no point of the plan is above the cap at which the controller refuses it in motion."""
+    used, cap = _used_speeds(plan, cell), site.controller.speed_cap
+    axis = int(used.argmax())
+    text = f"at most {speed * used[axis]:.0%} of an axis' speed ({cell.robot.axes[axis]})"
+    if not speed * used[axis] <= cap:
+        most = governed_speed(site, plan, cell)
+        raise InputError(
+            f"{text}, the controller refuses more than {cap:.0%} (controller.speed_cap) in the midst of a motion; give "
+            f"--speed {most:g} or less, or raise the controller's governor (parameter RCnG147) and the site's key"
+        )
+    return text
+
+
+def _used_speeds(plan: FlatteningPlan, cell: Cell) -> np.ndarray:
+    """Greatest share of each axis' own full speed that the plan's points have, (13,)."""
+    full = cell.with_speed(1.0).limits.velocity
+    fastest = np.max(
+        [np.abs(segment.trajectory.velocities).max(axis=0) for segment in plan.segments], axis=0
+    )
+    return np.asarray(fastest / full)
+
+
+def check_groups(site: Site, plan: FlatteningPlan) -> str:
+    """Check that the plan moves no group that the firmware does not move."""
+    moved = set(site.controller.groups_moved)
+    for name, axes in GROUP_AXES.items():
+        if name in moved:
+            continue
+        q = np.concatenate([segment.trajectory.positions[:, axes] for segment in plan.segments])
+        way = float(np.ptp(q, axis=0).max())
+        if not way <= STILL:
+            raise InputError(
+                f"the plan moves {name} by {way:.3f} rad, and this controller's firmware does not move it "
+                f"(controller.groups_moved: {', '.join(site.controller.groups_moved)}); plan with 'turntable: fixed' in "
+                "the scenario's planner section"
+            )
+    return f"the plan moves none but {', '.join(sorted(moved))}"
 
 
 def tip_speed(plan: FlatteningPlan, cell: Cell) -> float:

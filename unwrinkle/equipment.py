@@ -106,6 +106,7 @@ def connected(site: Site, cell: Cell, log: RunLog | None = None) -> Iterator[Equ
         log=path,
         command="unwrinkle execute",
         io=site.needs_io,
+        full_speed=cell.with_speed(1.0).limits.velocity,
     ) as driver:
         if site.grippers.kind == "none":
             yield Equipment(site, driver, None, time.monotonic)

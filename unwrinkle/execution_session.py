@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses as dc
 import datetime
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification import verify
 from unwrinkle.preflight import Preflight, chosen_speed, last_look, preflight
 from unwrinkle.preview import PreviewSummary, preview_page
+from unwrinkle.queue_clearing import clear_confirmed
 from unwrinkle.scene import start_meshcat
 from unwrinkle.sites import find_site, site_cell
 
@@ -33,6 +35,8 @@ from unwrinkle.sites import find_site, site_cell
 CONFIRM = 6
 #: Columns of a table that is not shown in a terminal.
 _WIDTH = 140
+#: Above the measured lag a latency is proposed by so much, s.
+LATENCY_MARGIN = 0.03
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,7 @@ class ExecutionOptions:
         html: file of the preview page; None for none.
         live: whether to show the robot live.
         commands: file of instructions, `-` for standard input; None for the terminal's keys.
+        clear_queue: whether to empty the controller's queues first, once that is confirmed.
     """
 
     plan: Path
@@ -60,6 +65,7 @@ class ExecutionOptions:
     html: Path | None = None
     live: bool = False
     commands: str | None = None
+    clear_queue: bool = False
 
 
 class ExecutionSession:
@@ -117,6 +123,8 @@ class ExecutionSession:
         if not verdict.passed:
             raise NoSafePlanError(verdict.summary())
         speed = chosen_speed(self._site, self._plan, options.speed, self._finished)
+        if options.clear_queue:
+            clear_confirmed(self._site, self._console)
         path = self._log_path()
         with contextlib.ExitStack() as stack:
             stack.enter_context(collected_at_rest())
@@ -138,6 +146,7 @@ class ExecutionSession:
             # From here on until the equipment is left, no signal may cut a motion's end short.
             interrupts.armed = True
             result = self._execute(equipment, checked, interrupts, log)
+            self._say_lag(equipment.driver.status.lag)
         return self._end(result, checked, interrupts)
 
     def _log_path(self) -> Path | None:
@@ -259,6 +268,17 @@ class ExecutionSession:
         with open_controls(self._options.commands) as controls:
             self._say(f"keys: {KEYS}" + (f"; {DEAD_MAN_KEY}" if site.commissioning else ""))
             return run_to_the_end(executor, controls, interrupts, page=page, tell=self._say)
+
+    def _say_lag(self, lag: float) -> None:
+        """Tell how late the robot followed, and what to set where that is unmeasured or near the bound."""
+        if lag <= 0.0:
+            return
+        latency = self._site.controller.latency
+        text = f"lag     {1e3 * lag:.0f} ms from a command to its feedback; controller.latency is {latency:g} s"
+        proposed = math.ceil(50.0 * (lag + LATENCY_MARGIN)) / 50.0
+        if self._site.commissioning or lag > 0.9 * latency:
+            text += f": set it to {proposed:.2f}"
+        self._say(text)
 
     def _end(self, result: ExecutionResult, checked: Preflight, interrupts: Interrupts) -> int:
         if result.outcome != DONE:

@@ -14,10 +14,13 @@ import numpy as np
 from unwrinkle._preflight_posture import check_posture, escape
 from unwrinkle._preflight_site import (
     check_calibration,
+    check_governor,
+    check_groups,
     check_log,
     check_margins,
     check_speed,
     check_tips,
+    governed_speed,
     most_speed,
     tip_speed,
 )
@@ -177,8 +180,10 @@ def preflight(
         first = finished.count(site.name, plan.content_hash) == 0
         limit = FIRST_RUN_SPEED if site.commissioning and first else 1.0
         fastest = tip_speed(plan, cell)
-        most = min(limit, most_speed(site, fastest))
+        most = min(limit, most_speed(site, fastest), governed_speed(site, plan, cell))
         rows.ask("speed", lambda: check_speed(used, limit))
+        rows.ask("governor", lambda: check_governor(site, plan, cell, used))
+        rows.ask("groups", lambda: check_groups(site, plan))
         rows.ask("tips", lambda: check_tips(site, fastest, used))
         rows.ask("clearances", lambda: check_margins(checked, cell, site))
     rows.ask("calibration", lambda: check_calibration(site, day))
@@ -240,7 +245,7 @@ def _check_driver(status: DriverStatus | None) -> str:
     if status is None or status.state == OFFLINE:
         raise InputError("the controller is not connected")
     if status.state == FAULT:
-        raise InputError(f"the driver is in fault: {status.reason}; reset it, then plan again")
+        raise InputError(status.reason)
     if status.state != READY:
         raise InputError(f"the driver is {status.state}, not ready: {status.reason or 'wait'}")
     return "connected, and nobody else drives it from here"
@@ -285,16 +290,17 @@ def _check_start(plan: FlatteningPlan, cell: Cell, site: Site, positions: np.nda
     if not plan.segments:
         raise InputError("the plan has no segment; plan again")
     off = positions - plan.segments[0].trajectory.positions[0]
-    axis, most = int(np.abs(off).argmax()), site.controller.start_tolerance
+    most = np.array(site.controller.start_tolerances)
+    axis = int((np.abs(off) / most).argmax())
     worst = abs(float(off[axis]))
-    if worst > most:
+    if not worst <= most[axis]:
         far = np.flatnonzero(np.abs(off) > most)
-        moves = ", ".join(f"{cell.robot.axes[i]} by {np.degrees(-off[i]):+.2f} deg" for i in far)
+        moves = ", ".join(f"{cell.robot.axes[i]} by {np.degrees(-off[i]):+.3f} deg" for i in far)
         raise InputError(
-            f"the robot stands away from the plan's start: {cell.robot.axes[axis]} by {1e3 * worst:.1f} mrad, "
-            f"at most {1e3 * most:.1f} mrad; jog it there with the pendant: {moves}"
+            f"the robot stands away from the plan's start: {cell.robot.axes[axis]} by {1e3 * worst:.2f} mrad, "
+            f"at most {1e3 * most[axis]:.2f} mrad; jog it there with the pendant: {moves}"
         )
-    return f"within {1e3 * worst:.2f} mrad of the plan's start"
+    return f"within {1e3 * np.abs(off).max():.2f} mrad of the plan's start"
 
 
 def _check_verdict(verdict: Verdict) -> str:

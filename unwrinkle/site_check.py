@@ -1,5 +1,7 @@
 """Every device of a site asked whether it is there and well; nothing is sent that could move anything.
 
+The controller's motion port is connected to only where its status says that its queues are empty: it would run what is
+left in them as soon as it accepts a connection.
 The cameras take one picture: a DSLR's shutter is all that moves.
 """
 
@@ -14,10 +16,11 @@ import numpy as np
 from unwrinkle._preflight_site import check_calibration
 from unwrinkle._site_controller import ControllerFacts, listen, problem_of, reach, read_inputs
 from unwrinkle._site_devices import check_cameras, check_can_grippers, check_unit, exposure_time
+from unwrinkle.hardware.driver import QUEUE_LEFT
 from unwrinkle.models.errors import HardwareError, UnwrinkleError
 from unwrinkle.models.limits import Limits
 from unwrinkle.models.scenario import resolve
-from unwrinkle.models.site import Site
+from unwrinkle.models.site import GROUPS, Site
 from unwrinkle.perception.head import StereoHead
 from unwrinkle.perception.head_file import load_calibration
 
@@ -96,23 +99,55 @@ def _row(name: str, ask: Callable[[], str]) -> DeviceRow:
 
 
 def _controller_rows(site: Site, limits: Limits, clock: Callable[[], float]) -> list[DeviceRow]:
+    """The state server first: it alone says whether a motion connection may be made."""
     c = site.controller
     rows = []
-    for name, port in (("motion", c.motion_port), ("I/O", c.io_port)):
-        rows.append(_row(f"controller {name}", partial(reach, c, name, port)))
     facts: ControllerFacts | None = None
     try:
         facts = listen(c, clock)
         rows.append(DeviceRow("controller state", True, f"{c.host}:{c.state_port} answers"))
     except HardwareError as error:
         rows.append(DeviceRow("controller state", False, str(error)))
+    rows.append(_row("controller motion", partial(_motion, site, facts)))
+    rows.append(_row("controller I/O", partial(_io, site)))
     if facts is None:
         return rows
     found = facts
     rows.append(_row("robot status", lambda: _status(found)))
     rows.append(_row("joint feedback", lambda: _feedback(site, found)))
     rows.append(_row("joint positions", lambda: _positions(site, limits, found)))
+    rows.append(DeviceRow("assumptions", True, _assumptions(site)))
     return rows
+
+
+def _motion(site: Site, facts: ControllerFacts | None) -> str:
+    c = site.controller
+    if facts is None or facts.status is None or facts.status.in_motion not in (0, 1):
+        raise HardwareError(
+            f"{c.host}:{c.motion_port} was not tried: nothing says whether the controller's queues are empty, and it "
+            "would run them at the next connection"
+        )
+    if facts.status.in_motion == 1:
+        raise HardwareError(f"{c.host}:{c.motion_port} was not tried: {QUEUE_LEFT}")
+    return reach(c, "motion", c.motion_port)
+
+
+def _io(site: Site) -> str:
+    if not site.needs_io:
+        return "not needed: no gripper is switched by the controller's outputs"
+    return reach(site.controller, "I/O", site.controller.io_port)
+
+
+def _assumptions(site: Site) -> str:
+    """What cannot be asked of the controller, and is taken from the site."""
+    c = site.controller
+    still = [name for name in GROUPS if name not in c.groups_moved]
+    moved = f"moves {', '.join(c.groups_moved)}" + (f", not {', '.join(still)}" if still else "")
+    return (
+        f"the firmware {moved}; refuses points above {c.speed_cap:g} of an axis' speed, and starts more than "
+        f"{c.start_pulses:g} pulses off; answers motion within {1e3 * c.latency:.0f} ms (the first run tells how long it "
+        "takes). Not asked: it cannot be"
+    )
 
 
 def _status(facts: ControllerFacts) -> str:

@@ -28,6 +28,13 @@ def execute(
     live: Annotated[
         bool, typer.Option("--live/--no-live", help="Show the robot live; a closed page holds it.")
     ] = False,
+    clear_queue: Annotated[
+        bool,
+        typer.Option(
+            "--clear-queue",
+            help="First empty the queues that a dead connection left in the controller, once confirmed.",
+        ),
+    ] = False,
     commands: Annotated[
         str | None,
         typer.Option(
@@ -48,6 +55,7 @@ def execute(
         html=html,
         live=live,
         commands=commands,
+        clear_queue=clear_queue,
     )
     number = ExecutionSession(options).run()
     if number:  # a signal ended it

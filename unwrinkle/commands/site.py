@@ -20,6 +20,13 @@ def check(
     name: Annotated[
         str, typer.Argument(metavar="SITE", help="A *.site.yaml, or a shipped site: loopback.")
     ],
+    clear_queue: Annotated[
+        bool,
+        typer.Option(
+            "--clear-queue",
+            help="First empty the queues that a dead connection left in the controller, once confirmed.",
+        ),
+    ] = False,
 ) -> None:
     """Ask every device and say what is missing and what to do; exit code 4 if something is."""
     from rich import box
@@ -27,12 +34,15 @@ def check(
     from rich.table import Table
 
     from unwrinkle.models.errors import HardwareError
+    from unwrinkle.queue_clearing import clear_confirmed
     from unwrinkle.site_check import check_site
     from unwrinkle.sites import find_site, site_cell
 
     found = find_site(name)
     limits = site_cell(found).limits
     console = Console()
+    if clear_queue:
+        clear_confirmed(found, console)
     with console.status("") as status:
         rows = check_site(found, limits, tell=lambda text: status.update(f"asking {text}"))
     if not console.is_terminal:
