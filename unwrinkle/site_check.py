@@ -101,6 +101,8 @@ def _row(name: str, ask: Callable[[], str]) -> DeviceRow:
 def _controller_rows(site: Site, limits: Limits, clock: Callable[[], float]) -> list[DeviceRow]:
     """The state server first: it alone says whether a motion connection may be made."""
     c = site.controller
+    # Asked first, since the grippers need this port again, and it takes one client at a time.
+    io = _row("controller I/O", partial(_io, site))
     rows = []
     facts: ControllerFacts | None = None
     try:
@@ -109,7 +111,7 @@ def _controller_rows(site: Site, limits: Limits, clock: Callable[[], float]) -> 
     except HardwareError as error:
         rows.append(DeviceRow("controller state", False, str(error)))
     rows.append(_row("controller motion", partial(_motion, site, facts)))
-    rows.append(_row("controller I/O", partial(_io, site)))
+    rows.append(io)
     if facts is None:
         return rows
     found = facts

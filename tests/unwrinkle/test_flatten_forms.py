@@ -20,6 +20,7 @@ from unwrinkle.hardware.run_log_reader import read_run_log
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.site import CameraSite, PanTiltSite, Site, loopback_site
 from unwrinkle.planning.plan import FlatteningPlan
+from unwrinkle.planning.sent import as_sent
 from unwrinkle.planning.verification_verdict import Verdict
 from unwrinkle.run_folder import RunFolder
 
@@ -83,8 +84,8 @@ def test_an_action_through_the_drivers_in_lockstep(tmp_path: Path) -> None:
     assert not records.cut
     assert len(records.commanded.times) > 200 and len(records.measured.times) > 200
     plan = FlatteningPlan.load(run.look(0).path / "plan.npz")
-    # What was sent at full speed is the plan, sample by sample, after a point of rest.
-    sent, samples = records.commanded, plan.segments[0].trajectory
+    # What was sent at full speed is the plan as it was verified, sample by sample, after a point of rest.
+    sent, samples = records.commanded, as_sent(plan.segments[0].trajectory)
     first = np.flatnonzero(sent.numbers == sent.numbers[0])[-len(samples.times) :]
     np.testing.assert_array_equal(sent.positions[first], samples.positions)
     np.testing.assert_array_equal(sent.velocities[first], samples.velocities)

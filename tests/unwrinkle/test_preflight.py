@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import datetime
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -98,7 +99,7 @@ def test_everything_right_passes(look: Callable[..., Preflight]) -> None:
     ("status", "name", "text"),
     [
         (None, "controller", "not connected"),
-        (DriverStatus(FAULT, robot=PLAY, reason="e-stop"), "controller", "in fault: e-stop"),
+        (DriverStatus(FAULT, robot=PLAY, reason="an e-stop"), "controller", "an e-stop"),
         (DriverStatus(RUNNING, robot=PLAY), "controller", "running, not ready"),
         (DriverStatus(READY), "robot", "no status"),
         (DriverStatus(READY, robot=dc.replace(PLAY, e_stopped=1)), "robot", "emergency stop"),
@@ -152,11 +153,36 @@ def test_a_start_beyond_a_limit_says_by_how_much(look: Callable[..., Preflight])
 
 
 def test_a_start_away_from_the_plans(look: Callable[..., Preflight]) -> None:
-    assert look(axis={7: 0.0009}).passed
-    found = look(axis={7: 0.0021})
+    assert look(axis={7: 0.00029}).passed
+    found = look(axis={7: 0.0005})  # half a milliradian on S: 41 pulses, the controller takes 30
     assert failed(found) == ["start"]
-    assert "r2::joint_s by 2.1 mrad, at most 1.0 mrad" in found.check("start").text
-    assert "r2::joint_s by -0.12 deg" in found.check("start").text
+    assert "r2::joint_s by 0.50 mrad, at most 0.30 mrad" in found.check("start").text
+    assert "r2::joint_s by -0.029 deg" in found.check("start").text
+
+
+def test_speeds_that_the_controller_refuses_in_motion_are_refused_before(
+    look: Callable[..., Preflight],
+) -> None:
+    site = find_site("loopback")
+    governed = dc.replace(site, controller=dc.replace(site.controller, speed_cap=0.4))
+    found = look(site=governed, speed=1.0)
+    assert failed(found) == ["governor"]
+    told = re.search(r"refuses more than 40%.* give --speed (0\.\d+)", found.check("governor").text)
+    assert told is not None
+    slower = look(site=governed, speed=float(told[1]))
+    assert slower.passed and slower.most_speed == float(told[1])
+    assert look(site=governed, speed=0.2).passed
+
+
+def test_a_plan_that_moves_what_the_firmware_does_not_move_is_refused(
+    look: Callable[..., Preflight],
+) -> None:
+    site = find_site("loopback")
+    two = dc.replace(site, controller=dc.replace(site.controller, groups_moved=["r1", "r2"]))
+    found = look(site=two)
+    assert failed(found) == ["groups"]
+    text = found.check("groups").text
+    assert "moves ext_axis by 0." in text and "turntable: fixed" in text
 
 
 def test_a_table_that_was_moved_is_refused(

@@ -1,6 +1,7 @@
 """`unwrinkle site check` against virtual devices, whole ones and broken ones; nothing may move."""
 
 import dataclasses as dc
+import io
 import sys
 import threading
 import time
@@ -12,8 +13,10 @@ import pytest
 import yaml
 
 from unwrinkle import cli
+from unwrinkle.hardware.clear_queue import clear_queue
+from unwrinkle.hardware.link import TcpLink
 from unwrinkle.hardware.lock import OwnerLock
-from unwrinkle.hardware.wire import MessageType
+from unwrinkle.hardware.wire import Command, MessageType, MotionControl, TrajectoryPoint
 from unwrinkle.models.robot import Cell
 from unwrinkle.models.site import Site
 from unwrinkle.simulation.controller_server import ControllerServer, ServerFault
@@ -49,9 +52,9 @@ def start(cell: Cell) -> Iterator[Callable[..., Running]]:
         thread = threading.Thread(target=loop)
         thread.start()
         ends.extend((ended.set, thread.join, server.close))
-        motion, state, io = server.ports
+        names = ("motion_port", "state_port", "io_port")
+        ports = dict(zip(names, server.ports, strict=True))
         site = find_site("loopback")
-        ports = {"motion_port": motion, "state_port": state, "io_port": io}
         return Running(
             controller, dc.replace(site, controller=dc.replace(site.controller, **ports))
         )
@@ -85,8 +88,72 @@ def test_nobody_is_there(cell: Cell) -> None:
     ports = {"motion_port": 1, "state_port": 1, "io_port": 1}
     site = dc.replace(site, controller=dc.replace(site.controller, **ports))
     rows = rows_of(site, cell)
-    assert bad(rows) == ["controller motion", "controller I/O", "controller state", "grippers"]
-    assert "127.0.0.1:1" in rows["controller motion"].text
+    assert bad(rows) == ["controller state", "controller motion", "controller I/O", "grippers"]
+    assert "127.0.0.1:1 was not tried" in rows["controller motion"].text
+
+
+def left_in_motion(running: Running) -> np.ndarray:
+    """Leave increments in the queues of a controller that nobody is connected to; where the axes rest then."""
+    controller, c = running.controller, running.site.controller
+    link = TcpLink.connect(c.host, c.motion_port, 2.0, "a client that dies")
+    link.send(MotionControl(-1, 0, Command.START_TRAJ_MODE).to_message().encode())
+    end = time.monotonic() + 5.0
+    while not controller.trajectory_mode and time.monotonic() < end:
+        time.sleep(0.01)
+    for sequence in range(3):  # half a second at constant speed
+        for group, size in enumerate((6, 6, 1)):
+            t = 0.25 * sequence
+            point = TrajectoryPoint(group, sequence, t + 4e-4, (0.4 * t,) * size, (0.4,) * size)
+            link.send(point.to_message().encode())
+            time.sleep(0.012)
+    link.close()
+    time.sleep(0.4)
+    assert min(controller.queued) > 0
+    return controller.positions
+
+
+def test_what_a_dead_client_left_in_the_queues_is_told_and_never_run(
+    start: Callable[..., Running], cell: Cell
+) -> None:
+    running = start()
+    stood = left_in_motion(running)
+    rows = rows_of(running.site, cell)
+    assert bad(rows) == ["controller motion"]
+    assert "HOLD on the pendant" in rows["controller motion"].text
+    assert "--clear-queue" in rows["controller motion"].text
+    assert np.array_equal(running.controller.positions, stood)
+    assert not [m for _, m in running.controller.messages if m.type == MessageType.PING]
+
+
+def test_the_queues_are_emptied_once_that_is_confirmed(
+    start: Callable[..., Running],
+    cell: Cell,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    running = start()
+    stood = left_in_motion(running)
+    path = tmp_path / "lab.site.yaml"
+    path.write_text(yaml.safe_dump(dc.asdict(running.site)))
+    monkeypatch.setattr(sys, "argv", ["unwrinkle", "site", "check", str(path), "--clear-queue"])
+
+    def check(typed: str) -> int:
+        monkeypatch.setattr(sys, "stdin", io.StringIO(typed))
+        with pytest.raises(SystemExit) as stop:
+            cli.main()
+        return int(stop.value.code or 0)
+
+    for typed in ("", "yes\n"):
+        assert check(typed) == 2
+        assert "the queues were not touched" in capsys.readouterr().err
+    assert min(running.controller.queued) > 0
+    assert check("clear\n") == 0
+    assert "the controller's queues are empty" in capsys.readouterr().out
+    assert max(running.controller.queued) == 0
+    # At most what the controller runs before it reads the first bytes.
+    assert np.abs(running.controller.positions - stood).max() <= 0.4 * 0.004 * 1.5
+    assert clear_queue(running.site.controller).needed is False
 
 
 def test_what_the_robot_says(start: Callable[..., Running], cell: Cell) -> None:
@@ -170,5 +237,5 @@ def test_the_command(
     assert check(str(path)) == 4
     captured = capsys.readouterr()
     assert "an emergency stop is pressed" in captured.out
-    assert captured.err == "unwrinkle: site loopback: 1 of 11 rows: robot status\n"
+    assert captured.err == "unwrinkle: site loopback: 1 of 12 rows: robot status\n"
     assert check("nowhere") == 2

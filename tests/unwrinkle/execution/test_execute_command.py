@@ -20,6 +20,7 @@ from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.planner import FlatteningPlanner
+from unwrinkle.planning.sent import as_sent
 from unwrinkle.sites import find_site
 
 pytestmark = [pytest.mark.end_to_end, pytest.mark.slow]
@@ -168,9 +169,9 @@ def test_a_plan_is_run_to_its_end(bench_with: Callable[..., Bench]) -> None:
     events = {event.kind: event for event in records.events}
     assert events["preflight"].data["verdict"]["passed"] is True
     assert events["result"].data["outcome"] == "done"
-    # At any steady speed the plan's own positions are sent, bit for bit, only later.
+    # At half the speed the plan's own positions are sent as float32, only later.
     sent = records.commanded.positions
-    planned = np.vstack([segment.trajectory.positions for segment in plan.segments])
+    planned = np.vstack([as_sent(segment.trajectory).positions for segment in plan.segments])
     assert {row.tobytes() for row in sent} <= {row.tobytes() for row in planned}
     assert len(sent) > 0.9 * len(planned)
     runs = (bench.folder / "state" / "unwrinkle" / "finished_runs.jsonl").read_text()
@@ -194,7 +195,7 @@ def test_a_robot_elsewhere_is_not_moved(bench_with: Callable[..., Bench]) -> Non
     code, out, err = bench.go()
     assert code == 4
     assert "FAIL" in out
-    assert "r2::joint_s by 50.0 mrad" in err and "r2::joint_s by -2.86 deg" in err
+    assert "r2::joint_s by 50.00 mrad" in err and "r2::joint_s by -2.865 deg" in err
     assert bench.robot.end()["motion"] == 0
     assert bench.records().events[-2].data["passed"] is False
 
