@@ -29,6 +29,8 @@ class RowResult:
         survived: every promise held.
         message: what the user reads.
         limit_violations: samples that were sent beyond a limit.
+        moved: greatest angle that an axis moved before it was commanded to, rad.
+        increments: what the controller ran of plans, see `run_increments`.
         seconds: that the row took, wall clock.
     """
 
@@ -39,6 +41,8 @@ class RowResult:
     survived: bool
     message: str = ""
     limit_violations: int = 0
+    moved: float = 0.0
+    increments: tuple[dict[str, Any], ...] = ()
     seconds: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
@@ -57,6 +61,8 @@ class Case:
         broken: promises that did not, each with what was found.
         messages: what the user read, in order.
         limit_violations: samples that were sent beyond a limit.
+        moved_before_command: greatest angle that an axis moved before it was commanded to, rad.
+        increments: what the controller ran of plans, see `run_increments`.
     """
 
     folder: Path
@@ -65,6 +71,8 @@ class Case:
     broken: list[str] = field(default_factory=list)
     messages: list[str] = field(default_factory=list)
     limit_violations: int = 0
+    moved_before_command: float = 0.0
+    increments: list[dict[str, Any]] = field(default_factory=list)
 
     @property
     def rng(self) -> np.random.Generator:
@@ -98,6 +106,11 @@ class Case:
             self.expect(
                 word.lower() in text.lower(), f"the message says '{word}'", text or "nothing"
             )
+
+    def moved(self, angle: float) -> None:
+        """Note how far an axis moved although nobody had commanded it, rad."""
+        self.moved_before_command = max(self.moved_before_command, float(angle))
+        self.expect(angle == 0.0, "nothing moves before it is commanded to", f"{angle:.3g} rad")
 
     def violations(self, found: list[str]) -> None:
         """Note samples that were sent beyond a limit."""
@@ -153,5 +166,7 @@ class Row:
             not case.broken and case.limit_violations == 0,
             " / ".join(case.messages),
             case.limit_violations,
+            case.moved_before_command,
+            tuple(case.increments),
             time.perf_counter() - clock,
         )

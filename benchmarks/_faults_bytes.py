@@ -23,7 +23,9 @@ def partial(case: Case) -> None:
     frames.split_frames(case)
     traces = []
     for faults in ((), (ServerFault("split"),)):
-        with Rig(case.folder, *faults, name=f"split{len(faults)}", step=0.002) as rig:
+        ex = {"profile": "ex"}  # whose answers in pieces come in time
+        name = f"split{len(faults)}"
+        with Rig(case.folder, *faults, site=ex, name=name, step=0.002) as rig:
             case.need(rig.connect(), "the driver gets ready", rig.status.reason)
             number = rig.run(swing(rig.start, 0.2 * WAY, 0.4))
             checks.completed(case, rig, number, "the motion runs to its end")

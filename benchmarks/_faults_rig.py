@@ -10,6 +10,7 @@ import fcntl
 import os
 import struct
 import termios
+import threading
 import time as wall
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -119,6 +120,8 @@ class Rig:
         disk: "Disk | None" = None,
         name: str = "rig",
         step: float = STEP,
+        axes_lag: float = AXES_LAG,
+        needs_io: bool = True,
     ) -> None:
         """Listen and connect nothing yet.
 
@@ -131,7 +134,10 @@ class Rig:
             disk: that the run log is written to; one with room if left out.
             name: of the log's file.
             step: s between two polls of either side.
+            axes_lag: time constant of the axes behind what the controller tells them, s.
+            needs_io: whether inputs and outputs are needed.
         """
+        self._axes_lag = axes_lag
         self.limits = cell().limits
         self._step = step
         self.now = 100.0
@@ -151,7 +157,7 @@ class Rig:
         self.log = RunLog.create(self.log_path, {"what": "fault row"})
         self.disk = disk or Disk()
         logger: Any = DiskLog(self.log, self.disk)
-        self.driver = ControllerDriver(self.site, self.limits, log=logger)
+        self.driver = ControllerDriver(self.site, self.limits, log=logger, io=needs_io)
         self.measured = self.start.copy()
         self.speed = np.zeros(AXES)
         self.history: list[tuple[float, Array, str]] = []
@@ -186,7 +192,7 @@ class Rig:
         """The controller and the axes move on; the host does not."""
         step = self._step
         self.now += step
-        share = 1.0 - np.exp(-step / AXES_LAG)
+        share = 1.0 - np.exp(-step / self._axes_lag) if self._axes_lag > 0.0 else 1.0
         before = self.measured
         self.measured = before + share * (self.controller.axis_positions - before)
         self.speed = (self.measured - before) / step
@@ -287,11 +293,14 @@ class Rig:
     def settle(self, most: float = 3.0) -> bool:
         """Go on until the axes rest and the driver's state stands; whether they do."""
         self.step(5)
-        settled = self.until(
-            lambda: np.abs(self.speed).max() < _REST and not self.controller.moving, most
-        )
+        settled = self.until(lambda: np.abs(self.speed).max() < _REST and self._axes_rest(), most)
         self.step(10)
         return settled
+
+    def _axes_rest(self) -> bool:
+        """Whether the axes rest, whatever may be left in the queues."""
+        controller = self.controller
+        return not (controller.velocities.any() or controller.axis_velocities.any())
 
     def close(self) -> None:
         """Close the driver, the log and the server; a second time changes nothing."""
@@ -299,10 +308,26 @@ class Rig:
             return
         self._closed = True
         try:
-            self.driver.close()
+            self.leave()
         finally:
             self.server.close()
             self.log.close()
+
+    def leave(self) -> None:
+        """Close the driver; that waits for answers, so the controller goes on meanwhile."""
+        left = threading.Event()
+        going = threading.Thread(target=self._go_on_until, args=(left,))
+        going.start()
+        try:
+            self.driver.close()
+        finally:
+            left.set()
+            going.join()
+
+    def _go_on_until(self, left: threading.Event) -> None:
+        while self.serving and not left.wait(0.001):
+            self.now += self._step
+            self.server.poll(self.now, self.measured, np.zeros(AXES))
 
     # ------------------------------------------------------------ what was sent
 

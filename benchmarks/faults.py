@@ -10,6 +10,7 @@ from unwrinkle.benchmarks import (
     _faults_bytes,
     _faults_commands,
     _faults_feedback,
+    _faults_firmware,
     _faults_grippers,
     _faults_host,
     _faults_network,
@@ -28,10 +29,11 @@ _MODULES = (
     _faults_planning,
     _faults_vision,
     _faults_grippers,
+    _faults_firmware,
 )
-_GROUPS = "NSCPVGH"
+_GROUPS = "NSCPVGHF"
 #: The catalogue: how many rows each letter has.
-CATALOGUE = {"N": 9, "S": 5, "C": 4, "P": 7, "V": 6, "G": 2, "H": 2}
+CATALOGUE = {"N": 9, "S": 5, "C": 4, "P": 7, "V": 6, "G": 2, "H": 2, "F": 8}
 
 
 def _place(row: Row) -> tuple[int, int]:
@@ -61,8 +63,9 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
         progress: is told the row.
 
     Returns:
-        `rows` (see `RowResult`, and `must`, what the catalogue asks), `rows_survived_fraction`, `limit_violations` and
-        `missing` (ids of the catalogue without a row).
+        `rows` (see `RowResult`, and `must`, what the catalogue asks), `rows_survived_fraction`, `limit_violations`,
+        `moved_before_command` (greatest angle, rad), `increments` (see `run_increments`) and `missing` (ids of the
+        catalogue without a row).
     """
     wanted = rows()
     results: list[tuple[Row, RowResult]] = []
@@ -88,6 +91,8 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
         "rows": [{**result.to_json(), "must": item.must} for item, result in results],
         "rows_survived_fraction": survived / (len(results) + len(missing)),
         "limit_violations": sum(result.limit_violations for _, result in results),
+        "moved_before_command": max(result.moved for _, result in results),
+        "increments": [found for _, result in results for found in result.increments],
         "missing": missing,
     }
 
@@ -105,6 +110,7 @@ def table(results: dict[str, Any]) -> str:
         "|---|---|---|",
         f"| rows survived | {total} of {total} | {survived} of {total} |",
         f"| samples sent beyond a limit | 0 | {results['limit_violations']} |",
+        f"| greatest angle that an axis moved before it was commanded to | 0 rad | {results['moved_before_command']:g} rad |",
     ]
     if results["missing"]:
         lines.append(f"| rows without an injection | 0 | {', '.join(results['missing'])} |")
@@ -118,6 +124,7 @@ def table(results: dict[str, Any]) -> str:
             for item in found
         ),
         "",
+        *_increments(results["increments"]),
         "## What was asserted, and what the user reads",
     ]
     for item in found:
@@ -128,6 +135,28 @@ def table(results: dict[str, Any]) -> str:
             lines += [f"> {_text(text)}\n>" for text in item["message"].split(" / ")]
             lines[-1] = lines[-1].removesuffix("\n>")
     return "\n".join([*lines, ""])
+
+
+def _increments(found: list[dict[str, Any]]) -> list[str]:
+    """What the controller ran of a plan at full speed, a row per profile and clock."""
+    if not found:
+        return []
+    return [
+        "## A plan at full speed, as the controller runs it (simulated)",
+        "",
+        "Greatest shares of the plan's limits in the differences of the increments, whose times the controller cuts to whole",
+        "milliseconds; and how much motion stands in the queues while the axes move (but for each segment's end).",
+        "",
+        "| profile | clock | velocity | acceleration | jerk | path error | in the queues: least, median | ran out |",
+        "|---|---|---|---|---|---|---|---|",
+        *(
+            f"| {item['profile']} | {1e3 * item['period']:g} ms | {item['velocity']:.4f} | {item['acceleration']:.4f} "
+            f"| {item['jerk']:.4f} | {1e3 * item['path_error']:.4f} mrad | {1e3 * item['queue_least']:.0f} ms, "
+            f"{1e3 * item['queue_median']:.0f} ms | {item['underruns']} |"
+            for item in found
+        ),
+        "",
+    ]
 
 
 def _cell(text: str) -> str:

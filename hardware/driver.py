@@ -31,11 +31,18 @@ from unwrinkle.models.errors import HardwareError, InputError
 from unwrinkle.planning.sent import as_sent
 from unwrinkle.planning.trajectory import Trajectory
 
-__all__ = ["QUEUE_KEPT", "QUEUE_LEFT", "ControllerDriver"]
+__all__ = ["QUEUE_KEPT", "QUEUE_LEFT", "STILL", "ControllerDriver", "still_hint"]
 
 
 #: A group that moves by no more rests, rad.
 STILL = 1e-6
+
+
+def still_hint(group: str) -> str:
+    """What to try where a group must not move; begins with a semicolon."""
+    if group == "ext_axis":
+        return "; plan with 'turntable: fixed' in the scenario's planner section"
+    return "; this plan needs a firmware that does"
 
 
 class ControllerDriver(DriverMotion):
@@ -212,7 +219,7 @@ class ControllerDriver(DriverMotion):
             if name not in moved and not way <= STILL:
                 return (
                     f"it moves {name} by {way:.3f} rad, which this controller's firmware does not move "
-                    f"(controller.groups_moved: {', '.join(moved)}); plan with 'turntable: fixed'"
+                    f"(controller.groups_moved: {', '.join(moved)}){still_hint(name)}"
                 )
         used = np.abs(trajectory.velocities).max(axis=0) / self._cap
         axis = int(used.argmax())

@@ -28,8 +28,9 @@ Recorder: TypeAlias = Callable[[float, int, float, Array, Array], None]
 #: Axes of each group, by the site's names of groups.
 GROUP_AXES = {"r1": slice(1, 7), "r2": slice(7, 13), "ext_axis": slice(0, 1)}
 
-#: Every motion begins with a point of rest so much later, s: until then the queues fill.
-DWELL = 0.1
+#: Every motion begins with a point of rest so much later, s: until then the queues fill. A multiple of the interpolation
+#: periods of 4 and 8 ms, so that a plan's points fall on the controller's clock.
+DWELL = 0.104
 #: Greatest difference of the groups' starts that is no error, s.
 SKEW = 0.02
 #: A controller that is busy may be behind the host's reckoning by so much, s.

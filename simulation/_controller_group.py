@@ -8,6 +8,7 @@ Positions, speeds between points, numbers that are not finite and the order of s
 
 from collections import deque
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ Array = NDArray[np.float64]
 LONGEST = 14400.0
 # A queue that runs out slower than this runs out at rest, rad/s.
 _AT_REST = 1e-4
+# As far as 32-bit pulses reach, rad.
+_FARTHEST = 1e5
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +93,11 @@ class ControlGroup:
         return len(self._queue)
 
     @property
+    def ahead(self) -> float:
+        """Motion that waits in the queue, s."""
+        return 1e-3 * (self._queue[-1].end - self._run) if self._queue else 0.0
+
+    @property
     def busy(self) -> bool:
         """Whether the point before is not wholly in the queue yet."""
         return self._pending is not None
@@ -147,7 +155,7 @@ class ControlGroup:
         taken = self._queue.popleft()
         way, before, self._run = taken.way, self._run, taken.end
         # Parts of one period are run together.
-        while self._queue and self._queue[0].end - before <= self._period:
+        while self._queue and before <= self._queue[0].end <= before + self._period:
             taken = self._queue.popleft()
             way, self._run = way + taken.way, taken.end
         self._braking = False
@@ -159,10 +167,14 @@ class ControlGroup:
         assert point.time is not None and point.positions is not None
         assert point.velocities is not None
         size = len(self.positions)
-        # float32, as the firmware computes it; what is no number becomes 0, as a processor's conversion may.
-        scaled = np.float32(point.time) * np.float32(1000.0)
-        time = int(scaled) if np.isfinite(scaled) else 0
-        return _Point(time, np.array(point.positions[:size]), np.array(point.velocities[:size]))
+        # Of a float32, with no rounding before the cut; what is no number becomes 0, as a processor's conversion may.
+        scaled = 1000.0 * float(np.float32(point.time))
+        time = int(scaled) if isfinite(scaled) else 0
+        # Pulses are 32-bit numbers: what is no number, or beyond them, becomes the least or the greatest.
+        positions = np.nan_to_num(np.array(point.positions[:size]), nan=-_FARTHEST)
+        velocities = np.nan_to_num(np.array(point.velocities[:size]))
+        kept = np.clip((positions, velocities), -_FARTHEST, _FARTHEST)
+        return _Point(time, kept[0], kept[1])
 
     def _too_fast(self, point: _Point) -> int:
         over = np.abs(point.velocities) > self.axes.velocity

@@ -21,9 +21,21 @@ from unwrinkle.hardware.wire import (
     WriteIoReply,
 )
 
-# First and last address; the last digit is a bit, 0 to 7. General inputs ASSUMED to mirror the general outputs.
-_OUTPUTS = (10010, 12567)
-_READABLE = ((10, 2567), _OUTPUTS, (25010, 27567), (60010, 60647))
+# First and last address of a DX100; the last digit is a bit, 0 to 7.
+_OUTPUTS, _NETWORK_INPUTS, _PANEL = (10010, 12567), (25010, 27567), (60010, 60647)
+_WRITABLE = (_OUTPUTS, _NETWORK_INPUTS, _PANEL)
+_READABLE = (
+    *_WRITABLE,
+    (10, 2567),
+    (20010, 22567),
+    (30010, 32567),
+    (35010, 37567),
+    (40010, 41607),
+    (50010, 52007),
+    (70010, 79997),
+    (80010, 80647),
+    (82010, 82207),
+)
 
 
 def _known(address: int, ranges: tuple[tuple[int, int], ...]) -> bool:
@@ -68,19 +80,20 @@ class InputsAndOutputs:
             return ReadIoReply(0, IoResult.READ_ADDRESS).to_message(reply=ReplyCode.FAILURE)
         return ReadIoReply(self._value(address), IoResult.OK).to_message(reply=ReplyCode.SUCCESS)
 
+    def _bits(self, address: int) -> dict[int, int]:
+        return self.outputs if _known(address, (_OUTPUTS,)) else self.inputs
+
     def _value(self, address: int) -> int:
-        low, high = _OUTPUTS
-        bits = self.outputs if low <= address <= high else self.inputs
-        return int(bool(bits.get(address, 0)))
+        return int(bool(self._bits(address).get(address, 0)))
 
     def _write(self, asked: WriteIo) -> Message:
         result = IoResult.OK
-        if not _known(asked.address, (_OUTPUTS,)):
+        if not _known(asked.address, _WRITABLE):
             result = IoResult.WRITE_ADDRESS
         elif asked.value not in (0, 1):
             result = IoResult.WRITE_VALUE
         else:
-            self.outputs[asked.address] = asked.value
+            self._bits(asked.address)[asked.address] = asked.value
         return WriteIoReply(result).to_message(reply=_code(result))
 
     def _read_group(self, group: int) -> Message:
@@ -91,13 +104,13 @@ class InputsAndOutputs:
 
     def _write_group(self, asked: WriteIoGroup) -> Message:
         result = IoResult.OK
-        if not _known(10 * asked.address, (_OUTPUTS,)):
+        if not _known(10 * asked.address, _WRITABLE):
             result = IoResult.WRITE_ADDRESS
         elif not 0 <= asked.value <= 255:
             result = IoResult.WRITE_VALUE
         else:
             for bit in range(8):
-                self.outputs[10 * asked.address + bit] = asked.value >> bit & 1
+                self._bits(10 * asked.address)[10 * asked.address + bit] = asked.value >> bit & 1
         return WriteIoGroupReply(result).to_message(reply=_code(result))
 
 

@@ -8,7 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from unwrinkle.hardware.link import TcpLink
-from unwrinkle.hardware.wire import Command, Message, MessageType, MotionControl
+from unwrinkle.hardware.wire import (
+    Command,
+    Message,
+    MessageType,
+    MotionControl,
+    MotionReply,
+    Result,
+)
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.simulation._controller_connection import Connection
 from unwrinkle.simulation._controller_faults import KINDS, Faults, ServerFault, spoilt
@@ -29,8 +36,8 @@ Array = NDArray[np.float64]
 
 MOTION, STATE, IO = "motion", "state", "io"
 _MOST_CONNECTIONS = {MOTION: 1, STATE: 4, IO: 1}
-#: Bytes that one read brings at most: the firmware's room for one message.
-_MOST_READ = 560
+#: Bytes that one read brings at most: the room for one message of each firmware.
+_MOST_READ = {"1.9.12": 552, "2013": 152}
 #: Reads of one connection in one poll.
 _MOST_READS = 32
 #: After a gap in its polls the controller makes up so much, s.
@@ -75,6 +82,7 @@ class ControllerServer:
         self.events: deque[tuple[float, str]] = deque(maxlen=1000)
         self._faults = Faults(faults)
         self._feedback = FeedbackFaults(self._faults)
+        self._most_read = _MOST_READ[controller.settings.firmware]
         self._random = np.random.default_rng(0)
         self._tiny = any(fault.kind == "tiny_buffers" for fault in faults)
         self._listeners: dict[str, socket.socket] = {}
@@ -154,6 +162,11 @@ class ControllerServer:
         """Take on a further fault; its times are those of this server's clock, as ever."""
         self._faults.add(fault)
 
+    def stop_listening(self, name: str) -> None:
+        """Close the port "motion", "state" or "io": nobody listens there any more."""
+        if listener := self._listeners.pop(name, None):
+            listener.close()
+
     def close(self) -> None:
         """Close every connection and port; a second time changes nothing."""
         for connections in self._connections.values():
@@ -194,9 +207,11 @@ class ControllerServer:
                 break
             link = TcpLink(accepted, f"{name} client {address[0]}:{address[1]}")
             connections = self._connections[name]
-            if name == MOTION and connections and not any(self.controller.queued):
-                connections[0].link.close("replaced by a second motion connection")
-                self._forget_closed(MOTION)
+            full = len(connections) >= _MOST_CONNECTIONS[name]
+            newer = self.controller.settings.firmware != "2013"  # which keeps the older one
+            if full and newer and not any(self.controller.queued):
+                connections[0].link.close(f"replaced by another {name} connection")
+                self._forget_closed(name)
             if len(connections) >= _MOST_CONNECTIONS[name]:
                 link.close(f"more than {_MOST_CONNECTIONS[name]} {name} connections")
                 self._tell(f"{link.name} refused: {link.closed}")
@@ -251,11 +266,11 @@ class ControllerServer:
         """What the next read brings; faults delay it, or cut it in two."""
         if slow := self._faults.any_of("slow"):
             connection.credit += slow.value or 16.0
-            if connection.credit < _MOST_READ:
+            if connection.credit < self._most_read:
                 return b""
             connection.credit = 0.0
         if name != MOTION:
-            return connection.link.receive(_MOST_READ)
+            return connection.link.receive(self._most_read)
         if rest := connection.rest:
             connection.rest = b""
             return rest
@@ -264,12 +279,12 @@ class ControllerServer:
             waits = connection.link.wait(0.0)
             if not waits or connection.link.closed:
                 connection.since = None
-                return connection.link.receive(_MOST_READ)
+                return connection.link.receive(self._most_read)
             connection.since = self._now if connection.since is None else connection.since
             if self._now - connection.since < together.value - 1e-9:
                 return b""
             connection.since = None
-        data = connection.link.receive(_MOST_READ)
+        data = connection.link.receive(self._most_read)
         if (cut := self._faults.any_of("cut")) and len(data) > 1:
             place = min(int(cut.value) or 20, len(data) - 1)
             connection.rest, data = data[place:], data[:place]
@@ -299,7 +314,7 @@ class ControllerServer:
             replies = handle(message)
         for reply in replies:
             self._answer(name, reply)
-        if name == MOTION and not replies and _is_disconnect(message):
+        if name == MOTION and _ends(message, replies):
             connection.link.flush()
             connection.link.close("disconnected")
 
@@ -377,7 +392,10 @@ class ControllerServer:
                 self._forget_closed(name)
 
 
-def _is_disconnect(message: Message | Unread) -> bool:
+def _ends(message: Message | Unread, replies: list[Message]) -> bool:
+    """Whether the message is a DISCONNECT that was not refused."""
     if isinstance(message, Unread) or message.type != MessageType.MOTION_CTRL:
         return False
-    return MotionControl.of(message).command == Command.DISCONNECT
+    if MotionControl.of(message).command != Command.DISCONNECT:
+        return False
+    return not replies or MotionReply.of(replies[0]).result == Result.SUCCESS

@@ -179,6 +179,11 @@ class VirtualController(Pendant):
         return tuple(group.count for group in self._groups)
 
     @property
+    def queued_time(self) -> tuple[float, ...]:
+        """Motion that waits in each group, s."""
+        return tuple(group.ahead for group in self._groups)
+
+    @property
     def underruns(self) -> int:
         """How often a group's queue ran out in motion."""
         return sum(group.underruns for group in self._groups)
@@ -227,13 +232,13 @@ class VirtualController(Pendant):
     def connection_made(self) -> None:
         """A motion connection is accepted: whatever waits in the queues is run from now on."""
         self._parted = None
+        for group in self._groups:
+            group.forget()
 
     def connection_lost(self) -> None:
         """The motion connection has ended: its tasks end a little later, and the queues stay as they are."""
         if self._parted is None:
             self._parted = self.time
-        for group in self._groups:
-            group.forget()
         self._starting = None
         self._late.clear()
 
@@ -245,6 +250,8 @@ class VirtualController(Pendant):
         self._start_up()
         playing = self.playing and not self.not_ready
         for group in self._groups:
+            if not self.playing:
+                group.forget()
             if playing:
                 group.work()
             group.advance(playing)
@@ -288,55 +295,59 @@ class VirtualController(Pendant):
     def handle_motion(self, message: Message | Unread) -> list[Message]:
         """Answer a message on the motion connection.
 
-        START_TRAJ_MODE is answered by `late_replies`; DISCONNECT with empty queues is not, the connection ends.
+        START_TRAJ_MODE is answered by `late_replies`; DISCONNECT with empty queues is not (but in 2013), and the
+        connection ends.
         """
         if isinstance(message, Unread):
-            return self._said(_unread(message))
+            return self._said(_unread(message, self.settings.firmware))
         self.messages.append((self.time, message))
         kind = message.type
         try:
             if kind == MessageType.PING:
-                return [ping(CommType.REPLY, ReplyCode.SUCCESS)]
+                return self._said(ping(CommType.REPLY, ReplyCode.SUCCESS))
             if kind == MessageType.MOTION_CTRL:
                 return self._command(MotionControl.of(message))
             if kind == MessageType.JOINT_TRAJ_PT_FULL and self.settings.accepts != "ex":
                 point = TrajectoryPoint.of(_known_fields(message, (8,)))
-                result = self._take((point.point,), point.sequence)
-                return self._said(_reply(point.group, point.sequence, kind, *result))
+                group, *result = self._take((point.point,), point.sequence)
+                return self._said(_reply(group, point.sequence, kind, *result))
             if kind == MessageType.JOINT_TRAJ_PT_FULL_EX and self.settings.accepts != "groups":
                 points = MultiPoint.of(_known_fields(message, range(12, len(message.body), 132)))
-                result = self._take(points.groups, points.sequence)
-                last = points.groups[-1].group
-                return self._said(_reply(last, points.sequence, kind, *result))
-        except WireError:  # a number of groups that cannot be
-            return self._said(_reply(-1, -1, kind, Result.INVALID, Subcode.INVALID_DATA))
+                group, *result = self._take(points.groups, points.sequence, several=True)
+                return self._said(_reply(group, points.sequence, kind, *result))
+        except WireError:  # no group at all: nothing sets a reply, the one before is sent once more
+            return [] if self._previous is None else [self._previous]
         return self._said(_reply(-1, -1, kind, Result.INVALID, Subcode.INVALID_TYPE))
 
     def _said(self, reply: Message) -> list[Message]:
         self._previous = reply
         return [reply]
 
-    def _take(self, points: tuple[GroupPoint, ...], sequence: int) -> tuple[int, int]:
-        """Take points of one sequence number, in order; the result and its subcode."""
+    def _take(
+        self, points: tuple[GroupPoint, ...], sequence: int, several: bool = False
+    ) -> tuple[int, int, int]:
+        """Take points of one sequence number, in order; the group that the reply names, result and subcode."""
         if subcode := self.not_ready:
-            return Result.NOT_READY, subcode
+            return points[-1].group, Result.NOT_READY, subcode
         for point in points:
             if not 0 <= point.group < len(self._groups):
-                return Result.INVALID, Subcode.INVALID_GROUP
-            if sequence != 0 and self._groups[point.group].busy:
-                return Result.BUSY, 0
+                return point.group, Result.INVALID, Subcode.INVALID_GROUP
+            if several and self._groups[point.group].busy:
+                return point.group, Result.BUSY, 0
             if point.time is None or point.positions is None or point.velocities is None:
-                return Result.INVALID, Subcode.INVALID_INSUFFICIENT
-            if point.time >= LONGEST:
-                return Result.INVALID, Subcode.INVALID_TIME
-        if sequence < 0:
-            return Result.INVALID, Subcode.INVALID_SEQUENCE
+                return point.group, Result.INVALID, Subcode.INVALID_INSUFFICIENT
+            if not several and point.time >= LONGEST:
+                return point.group, Result.INVALID, Subcode.INVALID_TIME
         for point in points:
             group = self._groups[point.group]
+            if sequence < 0:
+                return point.group, Result.INVALID, Subcode.INVALID_SEQUENCE
+            if sequence > 0 and group.busy:
+                return point.group, Result.BUSY, 0
             if subcode := group.first(point) if sequence == 0 else group.add(point):
-                return Result.INVALID, subcode
+                return point.group, Result.INVALID, subcode
             self._remember(point, sequence)
-        return Result.SUCCESS, 0
+        return points[-1].group, Result.SUCCESS, 0
 
     def _remember(self, point: GroupPoint, sequence: int) -> None:
         assert point.time is not None and point.positions is not None
@@ -363,6 +374,8 @@ class VirtualController(Pendant):
         if asked.command == Command.CHECK_MOTION_READY:
             subcode = self.not_ready
             result = Result.FAILURE if subcode else Result.SUCCESS
+            if self.settings.firmware == "2013":
+                subcode = 0  # which does not say why
         elif asked.command == Command.CHECK_QUEUE_COUNT:
             known = 0 <= asked.group < len(self._groups)
             subcode = self.queued[asked.group] if known else -1
@@ -387,7 +400,7 @@ class VirtualController(Pendant):
             else:
                 self.trajectory_mode = False
                 self.stop()
-                if asked.command == Command.DISCONNECT:
+                if asked.command == Command.DISCONNECT and self.settings.firmware != "2013":
                     return []
         else:  # its switch has no other case: the reply before is sent once more
             return [] if self._previous is None else [self._previous]
@@ -398,7 +411,8 @@ class VirtualController(Pendant):
         answer = asked.group, asked.sequence, asked.command
         if not self.not_ready:
             return self._said(_reply(*answer, Result.SUCCESS))
-        self.reset_alarm()
+        if not (self.e_stop or self.hold or not self.remote):  # which an operator has to end first
+            self.reset_alarm()
         if self.not_startable:
             return self._said(_reply(*answer, Result.NOT_READY, self.not_ready))
         if self._starting is None:
@@ -439,8 +453,11 @@ def _reply(group: int, sequence: int, command: int, result: int, subcode: int = 
     return told.to_message(reply=ReplyCode.SUCCESS)
 
 
-def _unread(unread: Unread) -> Message:
-    """The reply to bytes that are no whole message; it repeats what stands where its numbers would be."""
+def _unread(unread: Unread, firmware: str) -> Message:
+    """The reply to bytes that are no whole message; it repeats what stands where its numbers would be.
+
+    Its group is 0 in place of what was sent, but in the firmware of 2013.
+    """
     head = unread.head
     known = {
         MessageType.MOTION_CTRL: (0, 4, 8),
@@ -457,4 +474,5 @@ def _unread(unread: Unread) -> Message:
         else value
         for place, value in zip(places, (0, 0, head.type), strict=True)
     )
+    group = group if firmware == "2013" else 0
     return _reply(group, sequence, command, Result.INVALID, unread.subcode)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from unwrinkle.hardware.driver import STILL
+from unwrinkle.hardware.driver import STILL, still_hint
 from unwrinkle.hardware.streaming import GROUP_AXES
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
@@ -99,8 +99,8 @@ def check_groups(site: Site, plan: FlatteningPlan) -> str:
         if not way <= STILL:
             raise InputError(
                 f"the plan moves {name} by {way:.3f} rad, and this controller's firmware does not move it "
-                f"(controller.groups_moved: {', '.join(site.controller.groups_moved)}); plan with 'turntable: fixed' in "
-                "the scenario's planner section"
+                f"(controller.groups_moved: {', '.join(site.controller.groups_moved)})"
+                + still_hint(name)
             )
     return f"the plan moves none but {', '.join(sorted(moved))}"
 

@@ -258,7 +258,7 @@ def _check_robot(status: DriverStatus | None) -> str:
     if robot.problem:
         raise InputError(robot.problem)
     if robot.in_motion == 1:
-        raise InputError("the robot is moving; wait until it rests")
+        raise InputError("the robot is moving, or motion is left in its controller's queues")
     return "play mode, no alarm, no emergency stop" + (
         "" if robot.drives_powered == 1 else "; servo power comes with the first motion"
     )

@@ -178,11 +178,11 @@ def test_a_plan_that_moves_what_the_firmware_does_not_move_is_refused(
     look: Callable[..., Preflight],
 ) -> None:
     site = find_site("loopback")
-    two = dc.replace(site, controller=dc.replace(site.controller, groups_moved=["r1", "r2"]))
+    two = dc.replace(site, controller=dc.replace(site.controller, groups_moved=["r1", "ext_axis"]))
     found = look(site=two)
     assert failed(found) == ["groups"]
     text = found.check("groups").text
-    assert "moves ext_axis by 0." in text and "turntable: fixed" in text
+    assert "the plan moves r2 by " in text and "groups_moved: r1, ext_axis" in text
 
 
 def test_a_table_that_was_moved_is_refused(
