@@ -106,6 +106,21 @@ def latched(case: Case, rig: Rig) -> None:
     case.expect(rig.status.reason != "", "and keeps its reason", reason)
 
 
+def never_run(case: Case, rig: Rig) -> None:
+    """What a dead motion connection left in the controller's queues is not run by connecting again."""
+    stood = rig.controller.positions
+    queued = max(rig.controller.queued) > 0
+    rig.leave()
+    ready = rig.connect(most=2.0)
+    case.expect(
+        ready != queued,
+        "a motion connection is made if and only if the queues are empty",
+        rig.state,
+    )
+    rig.step(20)
+    case.moved(np.abs(rig.controller.positions - stood).max())
+
+
 def recovers(case: Case, rig: Rig) -> None:
     """After a reset a new trajectory runs, from where the robot stands and without a jump."""
     trace = len(rig.controller.trace)

@@ -114,8 +114,8 @@ class LiveController:
         return True
 
     def at_rest(self) -> bool:
-        """Whether no axis moves."""
-        return not self.controller.moving
+        """Whether no axis moves, nor will before another motion connection is made."""
+        return self.controller.resting
 
     def disconnected(self) -> bool:
         """Whether nobody has the motion connection."""

@@ -293,14 +293,11 @@ class Rig:
     def settle(self, most: float = 3.0) -> bool:
         """Go on until the axes rest and the driver's state stands; whether they do."""
         self.step(5)
-        settled = self.until(lambda: np.abs(self.speed).max() < _REST and self._axes_rest(), most)
+        settled = self.until(
+            lambda: np.abs(self.speed).max() < _REST and self.controller.resting, most
+        )
         self.step(10)
         return settled
-
-    def _axes_rest(self) -> bool:
-        """Whether the axes rest, whatever may be left in the queues."""
-        controller = self.controller
-        return not (controller.velocities.any() or controller.axis_velocities.any())
 
     def close(self) -> None:
         """Close the driver, the log and the server; a second time changes nothing."""

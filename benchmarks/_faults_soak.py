@@ -14,6 +14,7 @@ from unwrinkle.benchmarks._faults_rig import Rig, swing
 from unwrinkle.hardware import values
 from unwrinkle.hardware.wire import Subcode
 from unwrinkle.simulation.controller_server import ServerFault
+from unwrinkle.simulation.virtual_controller import VirtualControllerSettings
 
 #: What a cycle must come to.
 FAULTED, COMPLETED = "fault", "completed"
@@ -38,6 +39,8 @@ class Kind:
         recovers: the cause goes away by itself: a reset and a new trajectory must work.
         sleep: the host sleeps so long, s, in place of a server's fault.
         full_disk: the log cannot be written any more, in place of a server's fault.
+        dies: the client dies with its connections, in place of a server's fault.
+        late: it takes time that a clock of 8 ms, with a point each 8 ms, does not leave.
     """
 
     name: str
@@ -46,6 +49,8 @@ class Kind:
     recovers: bool = False
     sleep: float = 0.0
     full_disk: bool = False
+    dies: bool = False
+    late: bool = False
 
 
 def _one(
@@ -98,8 +103,12 @@ KINDS = (
             ServerFault("tiny_buffers"),
             ServerFault("slow", points=points, value=800.0),
         ),
+        late=True,
     ),
-    Kind("pause of 50 ms", COMPLETED, sleep=0.05),
+    Kind("coalesce", COMPLETED, _one("coalesce", value=0.004), late=True),
+    _stop("cut", value=60.0),
+    Kind("client dies", FAULTED, dies=True),
+    Kind("pause of 50 ms", COMPLETED, sleep=0.05, late=True),
     Kind("pause of 0.4 s", FAULTED, sleep=0.4, recovers=True),
     Kind("full disk", FAULTED, full_disk=True),
 )
@@ -118,6 +127,8 @@ class Cycle:
         violations: samples that were sent beyond a limit.
         points: that the controller took.
         changes: of the override, holds and resumes.
+        left: increments that were left in the controller's queues when its client was gone.
+        moved: greatest angle that an axis moved before it was commanded to, rad.
         recovered: whether a new trajectory ran after it, None where that was not asked.
         seconds: wall clock.
     """
@@ -131,6 +142,8 @@ class Cycle:
     violations: int = 0
     points: int = 0
     changes: int = 0
+    left: int = 0
+    moved: float = 0.0
     recovered: bool | None = None
     seconds: float = 0.0
 
@@ -156,6 +169,7 @@ def play(folder: Path, seed: int, cycle: int) -> Cycle:
         case.broken.append(f"{type(error).__name__}: {error}")
     result.problems = case.broken
     result.violations = case.limit_violations
+    result.moved = case.moved_before_command
     result.seconds = time.perf_counter() - clock
     return result
 
@@ -164,11 +178,21 @@ def _play(case: Case, folder: Path, rng: np.random.Generator, kind: Kind, result
     begin = rng.uniform(-0.3, 0.3, 13)
     way = rng.uniform(-1.0, 1.0, 13)
     duration = float(rng.uniform(0.7, 1.4))
-    strike = int(rng.integers(10, int(0.7 * duration / 0.008)))
+    # Points are 8 to 40 ms apart, as the speed changes.
+    strike = int(rng.integers(10, int(0.7 * duration / 0.016)))
     faults = kind.faults(strike)
     name = f"cycle{result.cycle}"
-    profile = ("groups", "ex")[int(rng.integers(2))]
-    with Rig(folder, *faults, site={"profile": profile}, start=begin, name=name) as rig:
+    (folder / f"{name}.jsonl").unlink(missing_ok=True)  # of a run before that failed
+    # One message a point, where each takes its time.
+    profile = "ex" if kind.late else ("groups", "ex")[int(rng.integers(2))]
+    firmware = "2013" if profile == "groups" and rng.uniform() < 0.3 else "1.9.12"
+    settings = VirtualControllerSettings(
+        firmware=firmware,
+        delay=float(rng.choice([0.05, 0.15, 0.2])),
+        period=0.004 if kind.late else float(rng.choice([0.004, 0.008])),
+    )
+    site = {"profile": profile, "connect_timeout": 0.6}
+    with Rig(folder, *faults, site=site, settings=settings, start=begin, name=name) as rig:
         limits = rig.limits
         # Peaks of the standard law over a way of 1 rad in 1 s: 2.19, 7.6, 53.
         most = np.minimum.reduce(
@@ -181,7 +205,7 @@ def _play(case: Case, folder: Path, rng: np.random.Generator, kind: Kind, result
         way *= np.minimum(_SHARE * most, 0.5)
         case.need(rig.connect(), "the driver gets ready", rig.status.reason)
         number = rig.run(swing(begin, way, duration))
-        pending = {"sleep": kind.sleep, "disk": float(kind.full_disk)}
+        pending = {"sleep": kind.sleep, "disk": float(kind.full_disk), "dies": float(kind.dies)}
         ended = _drive(rig, rng, number, strike, pending, result)
         result.ended, result.reason = ended, rig.status.reason if ended == FAULTED else ""
         case.expect(ended == kind.ends, f"it ends in {kind.ends}", f"{ended}: {rig.status.reason}")
@@ -196,6 +220,9 @@ def _play(case: Case, folder: Path, rng: np.random.Generator, kind: Kind, result
                 before = len(case.broken)
                 checks.recovers(case, rig)
                 result.recovered = len(case.broken) == before
+        if not rig.server.motion:
+            result.left = sum(rig.controller.queued)
+            checks.never_run(case, rig)
         result.points = rig.controller.points
         case.violations(rig.violations())
         if not kind.full_disk:
@@ -227,6 +254,11 @@ def _drive(
             if pending["sleep"] and running:
                 rig.sleep(pending["sleep"])
                 pending["sleep"] = 0.0
+            if pending["dies"]:
+                for link in list(rig.driver.links.values()):
+                    link.close("the client dies")
+                rig.sleep(0.5)
+                pending["dies"] = 0.0
             if pending["disk"]:
                 rig.disk.full, pending["disk"] = True, 0.0
         if rig.state == values.HELD:

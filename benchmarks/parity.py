@@ -21,7 +21,9 @@ from unwrinkle.models.site import loopback_site
 from unwrinkle.perception.warm_up import ensure_compiled
 from unwrinkle.planning.execution import MeasuredSegment, check_execution
 from unwrinkle.planning.plan import FlatteningPlan
+from unwrinkle.planning.verification import cell_model
 from unwrinkle.simulation.cloth_measures import coverage, largest_height
+from unwrinkle.simulation.virtual_controller import VirtualControllerSettings
 from unwrinkle.systems.supervisor_state import SupervisorSettings
 
 Array = NDArray[np.float64]
@@ -75,6 +77,7 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
             "sim_later": _distances(sim.cloth, late.cloth),
         },
         "stops": {f"{rate:g}": _stops(plan, setting.cell, rate) for rate in (1.0, 0.2)},
+        "stopping": {f"{rate:g}": _stopping(plan, setting.cell, rate) for rate in (1.0, 0.2)},
         "closed_loop": None if quick else _closed_loop(setting),
         "held": bool(sim.holding and loopback.holding),
         "records": len(records.measured.times),
@@ -111,6 +114,7 @@ def table(results: dict[str, Any]) -> str:
             f"of {loopback_site().controller.lead:g} s comes before it | | {np.median(times):.2f} s ({max(times):.2f} s) |"
             for rate, times in results["stops"].items()
         ),
+        *_stopping_rows(results["stopping"]),
         *_loop_rows(results["closed_loop"]),
         "",
         "Lag of the segments behind the simulation's, from the command on (servo power, start of the job, the pause between "
@@ -143,6 +147,69 @@ def _stops(plan: FlatteningPlan, cell: Cell, rate: float) -> list[float]:
             if points:
                 times.append(points[-1].time - before)
     return times
+
+
+def _stopping(plan: FlatteningPlan, cell: Cell, rate: float) -> dict[str, list[float]]:
+    """Time and way of the tips from a stop to rest, for stops all over a plan: s and m.
+
+    A hold comes after the points that are on their way (`lead`), brakes along the path, and is seen by the axes a delay later.
+    A stop of all groups empties the queues; the axes run what is under way in the delay, then brake by themselves.
+    """
+    limits, site, settings = (
+        StreamLimits.of(cell.limits),
+        loopback_site().controller,
+        VirtualControllerSettings(),
+    )
+    found: dict[str, list[float]] = {
+        name: [] for name in ("hold_time", "hold_way", "stop_time", "stop_way")
+    }
+    for segment in plan.segments:
+        trajectory = segment.trajectory
+        curve = trajectory.interpolant()
+        speed = curve.derivative()
+        for now in np.arange(0.1, trajectory.duration / rate, _HOLDS / rate):
+            clock = PathClock(trajectory, limits, rate=rate)
+            sent = clock.next_until(float(now) + site.lead)[-1]
+            clock.set_rate(0.0)
+            last = ([sent, *clock.next_until(np.inf)])[-1]
+            seen = max(float(now) - settings.delay, 0.0) * rate  # where the axes are
+            found["hold_time"].append(last.time - float(now) + settings.delay)
+            found["hold_way"].append(_tips_way(cell, curve(np.linspace(seen, last.s, 24))))
+            s = min(float(now) * rate, trajectory.duration)
+            v = speed(s) * rate
+            end = curve(s) + v * np.abs(v) / (2.0 * settings.braking)
+            found["stop_time"].append(settings.delay + float(np.abs(v).max()) / settings.braking)
+            found["stop_way"].append(
+                _tips_way(cell, np.vstack([curve(np.linspace(seen, s, 24)), end]))
+            )
+    return found
+
+
+def _tips_way(cell: Cell, positions: Array) -> float:
+    """Length of the longer of both tips' ways through postures (n, 13), m."""
+    _, X_WT = cell_model(cell).frames(positions)
+    steps = np.linalg.norm(np.diff(X_WT[:, :, :3, 3], axis=0), axis=2)
+    return float(steps.sum(axis=0).max())
+
+
+def _stopping_rows(stopping: dict[str, dict[str, list[float]]]) -> list[str]:
+    delay = VirtualControllerSettings().delay
+    rows = []
+    for rate, found in stopping.items():
+        for name, what in (
+            (
+                "hold",
+                f"hold: lead of {loopback_site().controller.lead:g} s, braking along the path",
+            ),
+            ("stop", "stop of all groups: queues emptied, servos brake by 10 rad/s² (assumed)"),
+        ):
+            times, ways = found[f"{name}_time"], found[f"{name}_way"]
+            rows.append(
+                f"| {what}, then {delay:g} s of delay (assumed), at {float(rate):.0%} of the planned speed: from the order to "
+                f"rest, median (worst of {len(times)}); way of the tips meanwhile | | {np.median(times):.2f} s "
+                f"({max(times):.2f} s); {1e3 * np.median(ways):.0f} mm ({1e3 * max(ways):.0f} mm), simulated |"
+            )
+    return rows
 
 
 def _closed_loop(setting: Setting) -> dict[str, Any]:

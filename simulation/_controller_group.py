@@ -31,7 +31,7 @@ class Axes:
 
     Attributes:
         indices: among the robot's axes.
-        velocity: above which a point is refused, rad/s.
+        velocity: above which a point's speed, cut to whole rad/s, is refused.
         braking: of servos whose commands have ended, rad/s^2.
         start: most that the first point may lie off, rad.
         moved: whether the firmware sends the group's increments to the servos.
@@ -177,7 +177,8 @@ class ControlGroup:
         return _Point(time, kept[0], kept[1])
 
     def _too_fast(self, point: _Point) -> int:
-        over = np.abs(point.velocities) > self.axes.velocity
+        # Its abs is that of integers: 1.99 rad/s counts as 1.
+        over = np.trunc(np.abs(point.velocities)) > self.axes.velocity
         return Subcode.INVALID_SPEED if over.any() else 0
 
     def _next(self, start: _Point, end: _Point) -> _Increment:

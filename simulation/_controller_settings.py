@@ -15,7 +15,8 @@ class VirtualControllerSettings:
     """What differs between controllers. Times in s, angles in rad.
 
     Attributes:
-        firmware: "1.9.12" of MotoROS, or that of "2013": it takes one message per read, and hold leaves the queue.
+        firmware: "1.9.12" of MotoROS, or that of "2013": it takes one message per read, answers DISCONNECT, keeps the
+            older of two clients, does not say why it is not ready, and hold leaves the queue.
         period: of interpolation, whole ms. ASSUMED 4 ms, common on a DX100, which reads it at run time; CloPeMa's
             own file says 8 ms.
         delay: from an increment to the axes' motion and its feedback: at least 0.15 s was measured on a DX100
@@ -23,7 +24,8 @@ class VirtualControllerSettings:
         depth: increments that a group's queue holds.
         start_pulses: most that a first point may lie off.
         pulses_per_radian: of the turn-table and of S, L, U, R, B, T of both arms, (7,).
-        speed_cap: share of the axes' speed above which a point is refused (parameters RCnG147).
+        speed_cap: share of the axes' speed above which a point is refused, its speed cut to whole rad/s (parameters
+            RCnG147).
         moved: groups whose increments are sent to the servos, of "r1", "r2", "ext_axis"; the others' are taken and
             dropped.
         braking: of servos whose commands have ended, rad/s^2. ASSUMED, for every axis.

@@ -169,9 +169,18 @@ class VirtualController(Pendant):
     @property
     def moving(self) -> bool:
         """Whether an axis moves, or will by an increment that waits."""
-        if any(group.moving for group in self._groups):
-            return True
-        return not np.array_equal(self._under_way[0][0], self._under_way[-1][0])
+        return any(group.moving for group in self._groups) or not self._arrived
+
+    @property
+    def resting(self) -> bool:
+        """Whether no axis moves, nor will before another motion connection is made."""
+        left_alone = not self.playing and not self.velocities.any() and self._arrived
+        return left_alone or not self.moving
+
+    @property
+    def _arrived(self) -> bool:
+        """Whether the axes are told to be where the last increment ended."""
+        return np.array_equal(self._under_way[0][0], self._under_way[-1][0])
 
     @property
     def queued(self) -> tuple[int, ...]:

@@ -25,12 +25,12 @@ def test_the_twelve_promises_each_name_what_holds_them(page: str) -> None:
     promises = re.split(r"\n(?=\d+\. )", part)[1:]
     assert [int(text.split(".")[0]) for text in promises] == list(range(1, 13))
     for text in promises:
-        assert re.search(r"\b[NSCPVGH]\d\b", text) or "tests/" in text, text
+        assert re.search(r"\b[NSCPVGHF]\d\b", text) or "tests/" in text, text
 
 
 def test_rows_and_tests_that_it_names_exist(page: str, repository: Path) -> None:
     known = {row.id for row in faults.rows()}
-    named = set(re.findall(r"\b([NSCPVGH]\d)\b", page))
+    named = set(re.findall(r"\b([NSCPVGHF]\d)\b", page))
     assert named and named <= known
     for file, _, name in (
         match.partition("::") for match in re.findall(r"`(tests/[\w/.]+(?:::\w+)?)`", page)
@@ -44,11 +44,11 @@ def test_rows_and_tests_that_it_names_exist(page: str, repository: Path) -> None
     ("setting", "text"),
     [
         ("lead", "0.12 s"),
-        ("start_tolerance", "1 mrad"),
+        ("start_tolerance", "0.3 mrad"),
         ("hold_after", "0.10 s"),
         ("fault_after", "0.25 s"),
         ("following", "20 mrad"),
-        ("latency", "0.10 s"),
+        ("latency", "0.25 s"),
         ("late", "50 ms"),
         ("late_budget", "20"),
     ],

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from unwrinkle.benchmarks import faults
+from unwrinkle.benchmarks import _faults_firmware, faults
 from unwrinkle.benchmarks._fault_rows import Case, Row
 
 #: Those that start processes, or run the whole loop.
 SLOW = {"P1", "V1", "V2", "V5", "G2"}
 #: Those that run `unwrinkle execute` several times: left to the benchmark, their pieces stand in tests/unwrinkle/execution.
-LONG = {"C2", "G1", "P4", "V6"}
+LONG = {"C2", "G1", "P4", "V6", "F1"}
 
 
 @pytest.mark.parametrize(
@@ -26,6 +26,14 @@ def test_fault_is_survived(name: str, tmp_path: Path) -> None:
     result = faults.row(name).run(tmp_path)
     assert result.survived, f"{result.outcome}\nread: {result.message}"
     assert result.limit_violations == 0
+
+
+@pytest.mark.slow
+def test_killed_drivers_leave_nothing_that_is_run(tmp_path: Path) -> None:
+    case = Case(tmp_path)
+    _faults_firmware.kills(case, 2)
+    assert not case.broken and case.moved_before_command == 0.0
+    assert "a stop as the first bytes empties the queues" in case.kept
 
 
 def test_every_row_of_the_catalogue_is_there_once() -> None:
@@ -94,6 +102,8 @@ def test_the_table_tells_what_failed() -> None:
             "rows": [good, bad],
             "rows_survived_fraction": 1 / 3,
             "limit_violations": 0,
+            "moved_before_command": 0.0,
+            "increments": [],
             "missing": ["N3"],
         }
     )
