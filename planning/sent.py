@@ -1,0 +1,80 @@
+"""The trajectory as the controller takes it: whole milliseconds, positions and velocities as float32.
+
+Every controller profile carries positions (rad) and velocities (rad/s) as float32, and cuts point times to whole milliseconds
+(MotoROS 1.9.12, `MotionServer.c:2094`). The driver sends (ms + 0.4) / 1000 as float32, from which the cut leaves the ms.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.models.errors import InputError
+from unwrinkle.planning.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+#: Milliseconds in a second.
+MILLISECONDS = 1000.0
+#: A time is a whole millisecond if it is no further from one than this, s.
+WHOLE = 1e-9
+#: Beyond it (ms + 0.4) / 1000 as float32 no longer gives the ms (from 8192 s on), s.
+LONGEST = 8000.0
+
+
+def whole_milliseconds(times: Array) -> Array:
+    """Round times to whole milliseconds, s: the floats nearest to k / 1000."""
+    return np.asarray(np.rint(np.asarray(times, dtype=float) * MILLISECONDS) / MILLISECONDS)
+
+
+def as_float32(values: Array) -> Array:
+    """Round values to float32 and return them as float64.
+
+    Raises:
+        InputError: a value is beyond what float32 can carry.
+    """
+    with np.errstate(over="ignore", under="ignore"):
+        rounded = np.asarray(values, dtype=np.float32).astype(float)
+    if not np.isfinite(rounded).all():
+        raise InputError("a value of the trajectory is beyond what float32 can carry")
+    return rounded
+
+
+def as_sent(trajectory: Trajectory) -> Trajectory:
+    """The trajectory as the controller takes it; the same one again where it already is.
+
+    Samples on whole milliseconds keep their positions and velocities, but for the rounding to float32. Where a time is no
+    whole millisecond, the samples are taken anew from the cubic at the nearest whole millisecond, one each; the last falls on
+    or after the end (by less than a millisecond) and keeps the end's position and velocity.
+
+    Args:
+        trajectory: any.
+
+    Returns:
+        Times k / 1000 s; positions in rad and velocities in rad/s, each the float64 of a float32.
+
+    Raises:
+        InputError: it lasts longer than `LONGEST`, or a value is beyond what float32 can carry.
+    """
+    if not trajectory.duration <= LONGEST:
+        raise InputError(
+            f"the trajectory takes {trajectory.duration:.6g} s; the controller's clock carries {LONGEST:g} s"
+        )
+    times = whole_milliseconds(trajectory.times)
+    positions, velocities = trajectory.positions, trajectory.velocities
+    if not (np.abs(times - trajectory.times).max() <= WHOLE and np.all(np.diff(times) > 0.0)):
+        times, positions, velocities = _taken_anew(trajectory)
+    return Trajectory(times, as_float32(positions), as_float32(velocities))
+
+
+def _taken_anew(trajectory: Trajectory) -> tuple[Array, Array, Array]:
+    """Samples of the cubic at whole milliseconds, the first and the last as they were."""
+    end = max(1.0, np.ceil((trajectory.duration - WHOLE) * MILLISECONDS))
+    steps = np.unique(np.append(np.rint(trajectory.times[:-1] * MILLISECONDS), end))
+    times = steps[steps <= end] / MILLISECONDS
+    inner = np.minimum(times, trajectory.duration)
+    as_float32(trajectory.velocities)  # the cubic of larger ones is no number
+    with np.errstate(all="ignore"):
+        path = trajectory.interpolant()
+        positions, velocities = path(inner), path.derivative()(inner)
+    positions[[0, -1]] = trajectory.positions[[0, -1]]
+    velocities[[0, -1]] = trajectory.velocities[[0, -1]]
+    return times, positions, velocities
