@@ -87,7 +87,8 @@ class PlannerSettings:
         budget: s, after which the search gives up and says so.
         transit_budget: s, for one transit found by sampling.
         path_step: m, distance of the points at which Cartesian pieces are solved.
-        sample_time: s, period of the samples that a plan carries.
+        sample_time: s, period of the samples that a plan carries at catalogue speed; a slower plan has a longer one, see
+            `sampling_period`.
         margin: fraction of velocity, acceleration and jerk limits that the timing leaves unused, for the controller's
             cubic interpolation between samples.
         seed: of the sampling transit planner.
