@@ -106,12 +106,32 @@ class Cell:
         return digest.hexdigest()
 
     @cached_property
-    def table_centre(self) -> NDArray[np.float64]:
-        """Centre (3,) of the working table's top surface in the world, m."""
+    def table_pose(self) -> NDArray[np.float64]:
+        """Pose (4, 4) in the world of the working table's top surface: origin at its centre, z up, m."""
         plant = build_robot_diagram(self).plant()
         instance, name = scoped(self.scenario.table.frame)
         frame = plant.GetFrameByName(name, plant.GetModelInstanceByName(instance))
-        return np.asarray(frame.CalcPoseInWorld(plant.CreateDefaultContext()).translation())
+        X_WS = frame.CalcPoseInWorld(plant.CreateDefaultContext()).GetAsMatrix4()
+        return np.asarray(X_WS)
+
+    @property
+    def table_centre(self) -> NDArray[np.float64]:
+        """Centre (3,) of the working table's top surface in the world, m."""
+        return np.asarray(self.table_pose[:3, 3])
+
+    def beyond_table(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How far places lie beyond the nearest edge line of the working table, m; negative on it.
+
+        Args:
+            places: (..., 2) in the world, m.
+
+        Returns:
+            (...,)
+        """
+        X_WS = self.table_pose
+        local = (np.asarray(places) - X_WS[:2, 3]) @ X_WS[:2, :2]
+        beyond = np.abs(local) - 0.5 * np.asarray(self.scenario.table.size)
+        return np.asarray(beyond.max(axis=-1))
 
     def with_speed(self, fraction: float) -> "Cell":
         """The same cell, with plans at another fraction of the catalogue velocity, acceleration, jerk."""

@@ -81,7 +81,10 @@ class MotionTiming:
         taking_part = (motion.hands[0] is not None, motion.hands[1] is not None)
         opened = (False, False)
         there, back = (self._line_samples(way) for way in ways)
-        samples = [sample_within(piece, self._period, self._limits) for piece in pieces]
+        samples = [
+            _held(points, sample_within(piece, self._period, self._limits))
+            for points, piece in zip(motion.paths, pieces, strict=True)
+        ]
         joined = [_joined([there, samples[0]]), samples[1], _joined([samples[2], back])]
         segments: list[Segment] = []
         events: list[GripperEvent] = []
@@ -107,6 +110,14 @@ class MotionTiming:
             time_line(a, b, self._limits, margin, period, longest) for a, b in pairwise(way.points)
         ]
         return _joined([(t, q, v) for t, q, v, _ in lines])
+
+
+def _held(points: Array, samples: Samples) -> Samples:
+    """Samples in which the axes that a path holds still are still, without the rounding of its spline."""
+    t, q, v = samples
+    still = np.all(points == points[0], axis=0)
+    q[:, still], v[:, still] = points[0, still], 0.0
+    return t, q, v
 
 
 def _marks(motion: Motion, piece: int, samples: Samples, begin: float) -> tuple[PoseMark, ...]:

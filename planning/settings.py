@@ -1,6 +1,6 @@
 """Settings of the planner: the shape of the seven-pose motion, and the freedoms the search may use."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import radians
 
 
@@ -120,3 +120,9 @@ class CostWeights:
     preferred_tilt: float = radians(52.5)
     swap: float = 0.05
     share: float = 0.5
+
+
+def with_turntable_at(settings: PlannerSettings, angle: float) -> PlannerSettings:
+    """The settings with every stage's turn-table at one angle, rad."""
+    stages = tuple(replace(stage, turntable=(angle,)) for stage in settings.stages)
+    return replace(settings, stages=stages)
