@@ -57,13 +57,13 @@ class Clearances:
 class ToolSettings:
     """What the tools may do at the working table. The verification holds every plan to it, whoever made it."""
 
-    # Height of a tool centre point above the table while it holds cloth, in m: cloth is dragged, not lifted away.
+    # Greatest height of a tool centre point above the table while it holds cloth, in m: cloth is dragged, not lifted away.
     holding_height: float = 0.030
-    # Fingers nearer to the table than this are near it, in m; there open fingers keep the next two speeds.
+    # Nearer to the table than this, in m, open fingers keep the two speeds below.
     near_table: float = 0.010
-    # Speed of open fingers along the table, in m/s: a fold that they meet is pushed, not thrown.
-    sliding_speed: float = 0.60
-    # Speed of open fingers towards the table, in m/s: they meet it before a following error of 10 ms is 5 mm.
+    # Greatest speed of open fingers along the table, in m/s: what lies there is pushed, not thrown.
+    sliding_speed: float = 0.70
+    # Greatest speed of open fingers towards the table, in m/s: they end a few millimetres above it.
     sinking_speed: float = 0.50
 
 
