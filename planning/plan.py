@@ -231,10 +231,10 @@ class FlatteningPlan:
             segments.append(
                 {
                     "name": segment.name,
-                    "start": segment.start,
+                    "start": _plain(segment.start),
                     "closed": list(segment.closed),
-                    "poses": [asdict(mark) for mark in segment.poses],
-                    "contact": list(segment.contact),
+                    "poses": [_plain(asdict(mark)) for mark in segment.poses],
+                    "contact": [_plain(time) for time in segment.contact],
                 }
             )
         if self.garment is not None:
@@ -246,15 +246,28 @@ class FlatteningPlan:
             "robot": self.robot,
             "robot_hash": self.robot_hash,
             "limits_hash": self.limits_hash,
-            "speed": self.speed,
+            "speed": _plain(self.speed),
             "target": self.target.to_json(),
-            "arms": [None if arm is None else asdict(arm) for arm in self.arms],
-            "turntable": self.turntable,
+            "arms": [
+                None if arm is None else {**_plain(asdict(arm)), "side": arm.side}
+                for arm in self.arms
+            ],
+            "turntable": _plain(self.turntable),
             "segments": segments,
-            "events": [{**asdict(event), "closed": list(event.closed)} for event in self.events],
+            "events": [
+                {**_plain(asdict(event)), "closed": list(event.closed)} for event in self.events
+            ],
             "note": self.note,
         }
         return header, arrays
+
+
+def _plain(value: Any) -> Any:
+    """Numbers, also those of an object's fields, as the floats that a file gives back; the rest as it is."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    number_ = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    return float(value) if number_ else value
 
 
 def _from_parts(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> FlatteningPlan:

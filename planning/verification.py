@@ -44,6 +44,7 @@ from unwrinkle.planning.verification_structure import (
     check_numbers,
     check_rest,
     check_sent,
+    check_speed,
     check_structure,
 )
 from unwrinkle.planning.verification_tools import tool_legs
@@ -79,11 +80,12 @@ def verify(plan: FlatteningPlan, cell: Cell, *, start: ArrayLike | None = None) 
     found = Findings()
     check_numbers(plan, found)
     # The same cell at the same speed is kept as it is, since it may hold limits of its own.
-    usable = not found.failed("numbers") and 0.0 < plan.speed <= 1.0
-    other = usable and plan.speed != cell.scenario.speed
-    slower = cell.with_speed(plan.speed) if other else cell
+    report, slower = ClearanceReport((), 0.0, 0), cell
+    if not found.failed("numbers"):
+        check_speed(plan, cell, found)
+        if 0.0 < plan.speed <= 1.0 and plan.speed != cell.scenario.speed:
+            slower = cell.with_speed(plan.speed)
     check_identity(plan, cell, slower.limits_hash, found)
-    report = ClearanceReport((), 0.0, 0)
     if not found.failed("numbers"):
         report = _check_motion(plan, cell, slower, standing, found)
     verdict = Verdict(

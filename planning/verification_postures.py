@@ -94,10 +94,11 @@ def _check_arm(
         i = int(np.argmax(off))
         worst, time = float(off[i]), float(tool.times[working[i]])
         if not worst <= POSTURE_TOLERANCE:
+            shown = worst / max(float(level[working[i]]), _UPRIGHT) if kind == "heading" else worst
             found.fail(
                 kind,
-                f"the {name} tool is {np.degrees(worst):.1f} degrees off the claimed {what} at {time:.3f} s of "
-                f"{leg.leg.name}, at most {np.degrees(POSTURE_TOLERANCE):.1f} are allowed",
+                f"the {name} tool is {np.degrees(shown):.1f} degrees off the claimed {what} at {time:.3f} s of "
+                f"{leg.leg.name}, about {np.degrees(POSTURE_TOLERANCE):.1f} are allowed",
                 time,
             )
         if kind != "tilt":

@@ -37,7 +37,7 @@ REST_TOLERANCE = 1e-9
 
 
 def check_identity(plan: FlatteningPlan, cell: Cell, limits_hash: str, found: Findings) -> None:
-    """Check that plan, robot and limits are the ones the plan claims. Adds the checks `hash` and `speed`."""
+    """Check that plan, robot and limits are the ones the plan claims. Adds the check `hash`."""
     # `content_hash` is kept once computed; a copy computes it anew.
     if dc.replace(plan).content_hash != plan.content_hash:
         found.fail("hash", "the plan's content has changed since its hash was computed; plan again")
@@ -53,6 +53,10 @@ def check_identity(plan: FlatteningPlan, cell: Cell, limits_hash: str, found: Fi
                 f"the plan was made with another {what} ({made[:12]}, here {here[:12]}); plan again",
             )
     found.check("hash", where=plan.content_hash[:12])
+
+
+def check_speed(plan: FlatteningPlan, cell: Cell, found: Findings) -> None:
+    """Check the plan's fraction of the catalogue speed. Adds the check `speed`."""
     allowed = cell.scenario.speed
     if not 0.0 < plan.speed <= allowed:
         found.fail(
@@ -133,7 +137,12 @@ def check_sent(plan: FlatteningPlan, found: Findings) -> FlatteningPlan | None:
         except InputError as error:
             found.fail("sent", f"{segment.name}: {error}", segment.start)
             continue
-        segments.append(dc.replace(segment, trajectory=sent))
+        begin, end = segment.contact
+        if end >= segment.trajectory.duration - TIME_TOLERANCE:
+            end = (
+                sent.duration
+            )  # contact lasts to the end, which may come up to a millisecond later
+        segments.append(dc.replace(segment, trajectory=sent, contact=(begin, end)))
         times = segment.trajectory.times
         off = np.abs(times - np.rint(1e3 * times) / 1e3)
         i = int(np.argmax(off))
