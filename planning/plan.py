@@ -337,6 +337,8 @@ def _arm(where: str, item: Any) -> ArmChoice:
 def _target(data: Any) -> FlatteningTarget:
     try:
         return FlatteningTarget.from_json(data)
+    except InputError as error:
+        raise InputError(f"target: {error}") from None
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InputError(f"target: {error!r}") from None
 

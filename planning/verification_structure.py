@@ -20,6 +20,8 @@ POSES = (
     ("pull", "put-on-table"),
     ("free-garment", "leave-table"),
 )
+#: Of any number of a plan outside its samples (s, rad, shares): beyond it its clock would round to microseconds and more.
+GREATEST = 1e6
 #: Samples of a whole plan; more take too long to be verified.
 MOST_SAMPLES = 20_000
 #: Of the grasp direction against the target's, rad: beyond it the blades come from the side or from inside the garment.
@@ -84,6 +86,8 @@ def check_numbers(plan: FlatteningPlan, found: Findings) -> None:
     for what, value in numbers:
         if not (isinstance(value, int | float | np.number) and np.isfinite(value)):
             found.fail("numbers", f"the {what} is {value!r}, which is no finite number")
+        elif not abs(value) <= GREATEST:
+            found.fail("numbers", f"the {what} is {value:.3g}, which no plan has")
     count = sum(len(segment.trajectory.times) for segment in plan.segments)
     if not count <= MOST_SAMPLES:
         found.fail(

@@ -451,6 +451,37 @@ def test_no_number(plan: FlatteningPlan, cell: Cell, place: str, value: object) 
     assert "numbers" in kinds(spoilt, cell)
 
 
+@pytest.mark.parametrize("start", [1e7, 1e300, -1e300])
+def test_a_segment_at_the_end_of_time(plan: FlatteningPlan, cell: Cell, start: float) -> None:
+    segments = (*plan.segments[:2], dc.replace(plan.segments[2], start=start))
+    assert "numbers" in kinds(dc.replace(plan, segments=segments), cell)
+
+
+@pytest.mark.parametrize("step", [1e-310, 1e-160, 1e-12])
+@pytest.mark.parametrize("velocity", [0.0, 1e-3, 1e30])
+def test_steps_of_no_time(plan: FlatteningPlan, cell: Cell, step: float, velocity: float) -> None:
+    """One more sample right after the first, with another velocity; the controller never gets it."""
+    t = plan.segments[1].trajectory
+    times = np.concatenate([[0.0, step], t.times[1:]])
+    positions = np.concatenate([t.positions[:1], t.positions])
+    velocities = np.concatenate([t.velocities[:1], np.full((1, 13), velocity), t.velocities[1:]])
+    segments = list(plan.segments)
+    segments[1] = dc.replace(segments[1], trajectory=Trajectory(times, positions, velocities))
+    verdict = verify(dc.replace(plan, segments=tuple(segments)), cell)
+    assert {v.kind for v in verdict.violations} <= {"sent", "velocity", "acceleration", "jerk"}
+
+
+@pytest.mark.parametrize("value", [1e10, 3e38])
+def test_positions_out_of_this_world(plan: FlatteningPlan, cell: Cell, value: float) -> None:
+    t = plan.segments[1].trajectory
+    positions = t.positions.copy()
+    positions[7, 3] = value
+    segments = list(plan.segments)
+    segments[1] = dc.replace(segments[1], trajectory=Trajectory(t.times, positions, t.velocities))
+    found = kinds(dc.replace(plan, segments=tuple(segments)), cell)
+    assert {"position", "velocity", "acceleration", "jerk"} <= found
+
+
 def test_times_in_milliseconds(plan: FlatteningPlan, cell: Cell) -> None:
     """Times of ms as s with the velocities as they were: limits are broken, and nothing more is computed."""
     segments = []
