@@ -23,6 +23,7 @@ from pydrake.planning import RobotDiagram, RobotDiagramBuilder
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.limits import Limits, load_limits
 from unwrinkle.models.loader_yaml import load_yaml, models_dir
+from unwrinkle.models.model_files import files_named_by
 from unwrinkle.models.scenario import Scenario, load_scenario, resolve
 
 ROBOT_INSTANCES = ("turntable", "r1", "r2", "r1_gripper", "r2_gripper", "left_ptu", "right_ptu")
@@ -75,15 +76,20 @@ class Cell:
 
     @cached_property
     def robot_hash(self) -> str:
-        """SHA-256 (hex) over every model file and setting that decides where the robot's and the cell's bodies are."""
+        """SHA-256 (hex) over every file and setting that decides where the robot's and the cell's bodies are, meshes included.
+
+        Raises:
+            InputError: a file that another one names is missing.
+        """
         digest = hashlib.sha256()
         digest.update(resolve(self.scenario.robot).read_bytes())
         packages = PackageMap()
         packages.AddPackageXml(str(models_dir() / "package.xml"))
         waiting = [resolve(uri) for uri in self.scenario.directives]
-        for path in waiting:  # grows by the files that the directives name
+        for path in waiting:  # grows by the files that directives and models name
             digest.update(path.read_bytes())
             if path.suffix != ".yaml":
+                waiting += files_named_by(path, packages.ResolveUrl)
                 continue
             for directive in _directives(path):
                 for item in (directive.add_model, directive.add_directives):

@@ -181,7 +181,7 @@ ARRAYS = {
 def test_arrays_that_are_none(
     members: dict[str, bytes], tmp_path: Path, data: bytes, member: str
 ) -> None:
-    refused(written(tmp_path / "spoilt.npz", {**members, f"segment1.{member}.npy": data}))
+    assert refused(written(tmp_path / "spoilt.npz", {**members, f"segment1.{member}.npy": data}))
 
 
 def test_an_array_that_is_missing(members: dict[str, bytes], tmp_path: Path) -> None:
@@ -220,7 +220,7 @@ def test_members_that_cannot_be_unpacked(
             data[at + offset : at + offset + 2] = struct.pack("<H", value)
             at = data.find(signature, at + 4)
     path.write_bytes(data)
-    refused(path)
+    assert "damaged" in refused(path)
 
 
 @pytest.mark.parametrize("name", ["segment0.positions.npy", "header.npy"])
