@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import ArmChoice, FlatteningPlan
 from unwrinkle.planning.verification_model import CellModel
-from unwrinkle.planning.verification_tools import REACH, ToolLeg, away_from_place
+from unwrinkle.planning.verification_tools import REACH, ToolLeg, ToolMotion, away_from_place
 from unwrinkle.planning.verification_verdict import Findings
 
 Array = NDArray[np.float64]
@@ -27,7 +27,7 @@ _UPRIGHT = 0.05
 def check_postures(
     plan: FlatteningPlan, cell: Cell, model: CellModel, legs: Sequence[ToolLeg], found: Findings
 ) -> None:
-    """Check tilt, heading and roll of the tools, and the turn-table, in contact and while holding.
+    """Check tilt, heading and roll of the tools, and the turn-table, in contact, near the table, and while holding.
 
     Args:
         plan: the plan.
@@ -45,10 +45,17 @@ def check_postures(
             hand = plan.target.hands[choice.side]
             away = away_from_place(leg.tools[arm], hand, choice.share, model)
             near = leg.leg.held | (np.maximum(away[:-1], away[1:]) <= REACH)
-            working = np.flatnonzero(leg.working & near)
+            low = _low(leg.tools[arm], model.table_height + cell.scenario.tools.near_table)
+            working = np.flatnonzero((leg.working & near) | low)
             if len(working):
                 _check_turntable(plan, leg, working, found)
                 _check_arm(plan, cell, leg, working, arm, choice, found)
+
+
+def _low(tool: ToolMotion, height: float) -> NDArray[np.bool_]:
+    """(n-1,) intervals in which a tool centre point may be below a height, m."""
+    z = tool.p_WT[:, 2]
+    return np.asarray(np.minimum(z[:-1], z[1:]) - tool.sag < height)
 
 
 def _check_arm(

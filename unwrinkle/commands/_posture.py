@@ -18,7 +18,7 @@ StartOption = Annotated[
     typer.Option(
         metavar="POSTURE",
         help="Where the robot stands: a named state of the robot (ext_plus_90, say), or the angles of all axes in rad, "
-        "turn-table, right, left arm, with commas between them [home].",
+        "turn-table, right, left arm, with commas or blanks between them [home].",
     ),
 ]
 
@@ -35,12 +35,12 @@ def posture(text: str, robot: "RobotDescription") -> "NDArray[np.float64]":
     if named is not None:
         return np.array(named, dtype=float)
     try:
-        angles = [float(part) for part in text.split(",")]
+        angles = [float(part) for part in text.strip().strip("[]").replace(",", " ").split()]
     except ValueError:
         angles = []
     if len(angles) != len(robot.axes) or not all(math.isfinite(angle) for angle in angles):
         raise InputError(
             f"--start '{text}': give one of {', '.join(robot.named_states)}, or {len(robot.axes)} finite "
-            "angles in rad with commas between them"
+            "angles in rad with commas or blanks between them"
         )
     return np.array(angles)
