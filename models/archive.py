@@ -105,6 +105,20 @@ def load_archive(
     return _header(path, arrays.pop(_HEADER, None)), arrays
 
 
+def archive_members(path: str | Path) -> list[str]:
+    """Names of the arrays in an archive, none of which is read.
+
+    Raises:
+        InputError: it is no archive.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = [name.removesuffix(_SUFFIX) for name in archive.namelist()]
+    except _DAMAGED as error:
+        raise InputError(f"{path}: cannot be read as .npz ({error}); copy it again") from None
+    return [name for name in names if name != _HEADER]
+
+
 def _members(
     path: Path, archive: zipfile.ZipFile, wanted: "re.Pattern[str]", most_bytes: int
 ) -> dict[str, NDArray[Any]]:
