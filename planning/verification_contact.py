@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 ARMS = ("right", "left")
 #: Poses at which the blades are down: a tool centre point is no higher than this above the table, m.
 DOWN = 0.020
-#: Poses at which they stand when a segment ends; s.
+#: Poses at which the grippers change: a tool centre point is no further than this from where it is when the segment ends, m.
 END_TOLERANCE = 1e-3
 _AT_END = ("grasp", "put-on-table")
 _DOWN = ("touch-table", "free-garment")
@@ -52,8 +52,10 @@ def check_contact(
                 at = int(np.argmin(np.abs(leg.leg.times - time)))
                 near = cell.scenario.tools.near_table
                 wrong = _wrong_pose(mark.name, float(away[at]), float(heights[at]), near)
-                if mark.name in _AT_END and not abs(time - segment.end) <= END_TOLERANCE:
-                    wrong = f"is not the end of {segment.name}"
+                p_WT = leg.tools[arm].p_WT
+                off = float(np.linalg.norm(p_WT[at] - p_WT[-1]))
+                if mark.name in _AT_END and not off <= END_TOLERANCE:
+                    wrong = f"is passed {1e3 * off:.0f} mm from where {segment.name} ends"
                 if wrong:
                     found.fail(
                         "contact",

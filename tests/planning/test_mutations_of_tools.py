@@ -293,14 +293,30 @@ def test_poses_elsewhere(plan: FlatteningPlan, cell: Cell) -> None:
         marked(plan, 0, touch_table=times["plan"]),
         marked(plan, 0, plan=times["plan"] - 0.3, touch_table=times["plan"] - 0.3),
         marked(plan, 0, plan=times["touch-table"]),
-        marked(plan, 0, grasp=times["grasp"] - 0.05),
+        marked(plan, 0, grasp=times["grasp"] - 0.2),
         marked(plan, 0, touch_table=times["grasp"] - 1.0, plan=0.0, grasp=times["grasp"] - 1.0),
-        marked(plan, 1, put_on_table=pull.trajectory.duration - 0.1),
+        marked(plan, 1, put_on_table=pull.trajectory.duration - 0.3),
         marked(plan, 2, free_garment=times["leave-table"]),
         marked(plan, 2, leave_table=end),
     ):
         assert "contact" in kinds(spoilt, cell)
     assert approach.contact[0] == times["plan"]
+
+
+def test_a_rest_before_the_grippers_change_passes(plan: FlatteningPlan, cell: Cell) -> None:
+    """The grasp pose is where the tools then rest, whenever that begins."""
+    t = plan.segments[0].trajectory
+    longer = Trajectory(
+        np.append(t.times, t.duration + 0.2),
+        np.vstack([t.positions, t.positions[-1:]]),
+        np.vstack([t.velocities, np.zeros((1, 13))]),
+    )
+    first, *others = plan.segments
+    contact = (first.contact[0], longer.duration)
+    later = [dc.replace(segment, start=segment.start + 0.2) for segment in others]
+    segments = (dc.replace(first, trajectory=longer, contact=contact), *later)
+    events = tuple(dc.replace(event, time=event.time + 0.2) for event in plan.events)
+    assert verify(dc.replace(plan, segments=segments, events=events), cell).violations == ()
 
 
 def test_a_contact_window_over_the_whole_way(plan: FlatteningPlan, cell: Cell) -> None:
