@@ -1,6 +1,7 @@
 """Good plans whose tools do something else than the plan claims, or than a gripper may: every one is refused for that."""
 
 import dataclasses as dc
+import json
 import resource
 import time
 from collections.abc import Callable, Iterator
@@ -60,6 +61,7 @@ def kinds(plan: FlatteningPlan, cell: Cell) -> set[str]:
     verdict = verify(plan, cell)
     assert not verdict.passed
     assert all(len(violation.message) > 20 for violation in verdict.violations)
+    assert json.dumps(verdict.to_json(), allow_nan=False)  # it can be written, whatever was found
     return {violation.kind for violation in verdict.violations}
 
 
