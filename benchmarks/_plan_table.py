@@ -11,7 +11,13 @@ _GROUPS = (
 
 def plans_table(results: dict[str, Any]) -> str:
     """Tables of success, times, margins, failures and baselines."""
-    parts = [_success(results), _times(results), _margins(results), _baselines(results)]
+    parts = [
+        _success(results),
+        _times(results),
+        _margins(results),
+        _lines(results),
+        _baselines(results),
+    ]
     if results["failures"]:
         lines = [f"- {cause}: {text}" for cause, text in results["failures"]]
         parts.append("Targets without a dual-arm plan:\n\n" + "\n".join(lines) + "\n")
@@ -35,7 +41,16 @@ def _millimetres(value: float | None) -> str:
 
 
 def _success(results: dict[str, Any]) -> str:
-    lines = _head("targets", "number", "dual-arm", "single-arm rescue", "verdicts passed", "target")
+    lines = _head(
+        "targets on the table",
+        "number",
+        "dual-arm",
+        "single-arm rescue",
+        "verdicts passed",
+        "target",
+        "dual-arm, turn-table fixed",
+    )
+    fixed = results["turntable_fixed"]
     goals = {"forward": "1.00", "lateral": "1.00", "wide": ">= 0.98"}
     for key, title in _GROUPS:
         r = results[key]
@@ -47,9 +62,22 @@ def _success(results: dict[str, Any]) -> str:
                 str(r["single_arm_rescues"]),
                 f"{r['verdicts_passed_fraction']:.3f}",
                 goals[key],
+                f"{fixed[key]['dual_arm_success']:.3f}",
             )
         )
-    return "\n".join(lines) + "\n"
+    refused = [
+        (title, len(results[key]["refused"] if key else results["refused"]))
+        for title, key in (("catalogue speed", ""), ("site speed", "site_speed"))
+    ]
+    return (
+        "\n".join(lines)
+        + f"\n\nLeft out: {results['off_table']} targets whose grasp point lies beside the table. Over all targets "
+        f"{results['dual_arm_success']:.3f} have a dual-arm plan, with the turn-table fixed "
+        f"{fixed['dual_arm_success']:.3f} (and {fixed['single_arm_rescues']} a single-arm one). Targets of which the verification "
+        "refused a plan before one passed: "
+        + ", ".join(f"{n} at {title}" for title, n in refused)
+        + ".\n"
+    )
 
 
 def _times(results: dict[str, Any]) -> str:
@@ -81,6 +109,14 @@ def _margins(results: dict[str, Any]) -> str:
         ("worst velocity ratio", "worst_velocity_ratio", "{:.4f}", "<= 1.000"),
         ("worst acceleration ratio", "worst_acceleration_ratio", "{:.4f}", "<= 1.000"),
         ("worst jerk ratio", "worst_jerk_ratio", "{:.4f}", "<= 1.000"),
+        ("as sent: worst velocity ratio", "worst_velocity_ratio_sent", "{:.4f}", "<= 1.000"),
+        (
+            "as sent: worst acceleration ratio",
+            "worst_acceleration_ratio_sent",
+            "{:.4f}",
+            "<= 1.000",
+        ),
+        ("as sent: worst jerk ratio", "worst_jerk_ratio_sent", "{:.4f}", "<= 1.000"),
         ("smallest clearance, m", "smallest_clearance", "{:.4f}", ""),
     )
     for title, key, form, goal in rows:
@@ -92,6 +128,38 @@ def _margins(results: dict[str, Any]) -> str:
         + f". Transits: {results['transit_kinds']}."
     )
     return "\n".join(lines) + "\n"
+
+
+def _lines(results: dict[str, Any]) -> str:
+    lines = _head(
+        "random straight lines, speed",
+        "samples every, ms",
+        "lines",
+        "off the line",
+        "greatest distance, rad",
+        "velocity",
+        "acceleration",
+        "jerk, as sent over the limits",
+    )
+    for line in results["random_lines"]:
+        lines.append(
+            _row(
+                f"{line['speed']:g}",
+                f"{1e3 * line['period']:.0f}",
+                str(line["lines"]),
+                str(line["off"]),
+                f"{line['deviation_max']:.1e}",
+                *(
+                    f"{line[f'worst_{name}_ratio_sent']:.4f}"
+                    for name in ("velocity", "acceleration", "jerk")
+                ),
+            )
+        )
+    return (
+        "\n".join(lines)
+        + "\n\nAs sent: positions and velocities as float32, times as whole milliseconds. Greatest distance of a sample from a "
+        f"line that was checked for collision, in these and in all plans: {results['line_deviation_max']:.1e} rad.\n"
+    )
 
 
 def _baselines(results: dict[str, Any]) -> str:

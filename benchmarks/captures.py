@@ -13,7 +13,7 @@ from unwrinkle.perception.analysis import Analysis, analyse
 from unwrinkle.perception.capture import load_capture, range_map_from_capture
 from unwrinkle.perception.target import NoTarget
 from unwrinkle.planning.planner import FlatteningPlanner
-from unwrinkle.planning.verification import verify
+from unwrinkle.planning.verified import plan_verified
 
 _SETS = (("uc3m_textiles", "*_depth_mm.png"), ("clopema_ctu_spread_garments", "cloD*.png"))
 _CAMERA = "xtion-pro-live"
@@ -99,21 +99,19 @@ def _planned(analysis: Analysis, cell: Cell, planner: FlatteningPlanner) -> dict
             reasons.append(f"{index + 1}: {target.reason}")
             continue
         clock = time.perf_counter()
-        result = planner.plan(target)
-        planning = time.perf_counter() - clock
-        if result.plan is None:
+        found = plan_verified(planner, cell, target)
+        result, planning = found.result, found.result.timings.total
+        if result.plan is None or found.verdict is None:
             reasons.append(f"{index + 1}: {result.failure.message if result.failure else ''}")
             continue
-        clock = time.perf_counter()
-        verdict = verify(result.plan, cell)
         return {
             "planned": True,
             "wrinkle": index + 1,
             "dual": result.plan.dual,
             "pull": target.hands[0].pull_distance,
-            "passed": verdict.passed,
+            "passed": found.verdict.passed,
             "planning": planning,
-            "verification": time.perf_counter() - clock,
+            "verification": time.perf_counter() - clock - planning,
             "reason": "; ".join(reasons),
         }
     return {"reason": "; ".join(reasons)}

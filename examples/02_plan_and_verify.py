@@ -8,7 +8,7 @@ from unwrinkle.perception.analysis import analyse
 from unwrinkle.perception.capture import load_capture, range_map_from_capture
 from unwrinkle.perception.target import NoTarget
 from unwrinkle.planning.planner import FlatteningPlanner
-from unwrinkle.planning.verification import verify
+from unwrinkle.planning.verified import plan_verified
 
 cell = load_cell()
 range_map = range_map_from_capture(load_capture(model_file("captures/towel.npz")))
@@ -16,11 +16,11 @@ target = analyse(range_map).target
 if isinstance(target, NoTarget):
     raise SystemExit(target.reason)
 
-result = FlatteningPlanner(cell).plan(target)
-if result.plan is None or result.failure is not None:
+found = plan_verified(FlatteningPlanner(cell), cell, target)
+result, verdict = found.result, found.verdict
+if verdict is None or result.failure is not None:
     raise SystemExit(result.failure.message if result.failure else "no plan")
 
-verdict = verify(result.plan, cell)
 print(verdict.summary())
 for name, outcome, worst, limit, _, where in verdict.rows():
     print(f"{name:18s} {outcome:5s} {worst:>14s} {limit:>14s}  {where}")

@@ -11,7 +11,7 @@ import numpy as np
 from unwrinkle.models.robot import load_cell
 from unwrinkle.perception.target import FlatteningTarget, HandTarget
 from unwrinkle.planning.planner import FlatteningPlanner
-from unwrinkle.planning.verification import verify
+from unwrinkle.planning.verified import plan_verified
 from unwrinkle.preview import PreviewSummary, preview_page
 
 cell = load_cell().with_speed(0.2)
@@ -28,10 +28,10 @@ target = FlatteningTarget(
     geodesic_distance=0.52,
     mode="foot",
 )
-result = FlatteningPlanner(cell).plan(target)
-if result.plan is None:
+found = plan_verified(FlatteningPlanner(cell), cell, target)
+result, verdict = found.result, found.verdict
+if result.plan is None or verdict is None:
     raise SystemExit(result.failure.message if result.failure else "no plan")
-verdict = verify(result.plan, cell)
 print(f"motion {result.plan.motion_time:.2f} s; {verdict.summary()}")
 
 page = Path(sys.argv[1] if len(sys.argv) > 1 else "preview.html")

@@ -23,6 +23,7 @@ from pydrake.planning import RobotDiagram, RobotDiagramBuilder
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.limits import Limits, load_limits
 from unwrinkle.models.loader_yaml import load_yaml, models_dir
+from unwrinkle.models.model_files import files_named_by
 from unwrinkle.models.scenario import Scenario, load_scenario, resolve
 
 ROBOT_INSTANCES = ("turntable", "r1", "r2", "r1_gripper", "r2_gripper", "left_ptu", "right_ptu")
@@ -75,15 +76,20 @@ class Cell:
 
     @cached_property
     def robot_hash(self) -> str:
-        """SHA-256 (hex) over every model file and setting that decides where the robot's and the cell's bodies are."""
+        """SHA-256 (hex) over every file and setting that decides where the robot's and the cell's bodies are, meshes included.
+
+        Raises:
+            InputError: a file that another one names is missing.
+        """
         digest = hashlib.sha256()
         digest.update(resolve(self.scenario.robot).read_bytes())
         packages = PackageMap()
         packages.AddPackageXml(str(models_dir() / "package.xml"))
         waiting = [resolve(uri) for uri in self.scenario.directives]
-        for path in waiting:  # grows by the files that the directives name
+        for path in waiting:  # grows by the files that directives and models name
             digest.update(path.read_bytes())
             if path.suffix != ".yaml":
+                waiting += files_named_by(path, packages.ResolveUrl)
                 continue
             for directive in _directives(path):
                 for item in (directive.add_model, directive.add_directives):
@@ -106,12 +112,32 @@ class Cell:
         return digest.hexdigest()
 
     @cached_property
-    def table_centre(self) -> NDArray[np.float64]:
-        """Centre (3,) of the working table's top surface in the world, m."""
+    def table_pose(self) -> NDArray[np.float64]:
+        """Pose (4, 4) in the world of the working table's top surface: origin at its centre, z up, m."""
         plant = build_robot_diagram(self).plant()
         instance, name = scoped(self.scenario.table.frame)
         frame = plant.GetFrameByName(name, plant.GetModelInstanceByName(instance))
-        return np.asarray(frame.CalcPoseInWorld(plant.CreateDefaultContext()).translation())
+        X_WS = frame.CalcPoseInWorld(plant.CreateDefaultContext()).GetAsMatrix4()
+        return np.asarray(X_WS)
+
+    @property
+    def table_centre(self) -> NDArray[np.float64]:
+        """Centre (3,) of the working table's top surface in the world, m."""
+        return np.asarray(self.table_pose[:3, 3])
+
+    def beyond_table(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How far places lie beyond the nearest edge line of the working table, m; negative on it.
+
+        Args:
+            places: (..., 2) in the world, m.
+
+        Returns:
+            (...,)
+        """
+        X_WS = self.table_pose
+        local = (np.asarray(places) - X_WS[:2, 3]) @ X_WS[:2, :2]
+        beyond = np.abs(local) - 0.5 * np.asarray(self.scenario.table.size)
+        return np.asarray(beyond.max(axis=-1))
 
     def with_speed(self, fraction: float) -> "Cell":
         """The same cell, with plans at another fraction of the catalogue velocity, acceleration, jerk."""

@@ -17,6 +17,7 @@ MODES = ("foot", "paper", "between")
 ORDERS = ("volume", "pull", "height", "length", "together")
 SECTIONS = ("centre", "highest")
 PULLS = ("wrinkle", "section")
+TURNTABLES = ("free", "fixed")
 
 
 @dc.dataclass
@@ -50,6 +51,28 @@ class Clearances:
     # Fingers to table, except in the phases that need the contact (there 0).
     finger_table: float = 0.010
     surroundings: float = 0.010
+
+
+@dc.dataclass
+class ToolSettings:
+    """What the tools may do at the working table. The verification holds every plan to it, whoever made it."""
+
+    # Greatest height of a tool centre point above the table while it holds cloth, in m: cloth is dragged, not lifted away.
+    holding_height: float = 0.030
+    # Nearer to the table than this, in m, open fingers keep the two speeds below.
+    near_table: float = 0.010
+    # Greatest speed of open fingers along the table, in m/s: what lies there is pushed, not thrown.
+    sliding_speed: float = 0.70
+    # Greatest speed of open fingers towards the table, in m/s: they end a few millimetres above it.
+    sinking_speed: float = 0.50
+
+
+@dc.dataclass
+class PlannerOptions:
+    """What the planner may move."""
+
+    # free, or fixed: plans leave the turn-table where it stands (for controllers that move two groups only).
+    turntable: str = "free"
 
 
 @dc.dataclass
@@ -139,6 +162,8 @@ class Scenario:
     gaze: list[float] = dc.field(default_factory=lambda: [0.0, -0.19])
     gripper: GripperSettings = dc.field(default_factory=GripperSettings)
     clearance: Clearances = dc.field(default_factory=Clearances)
+    tools: ToolSettings = dc.field(default_factory=ToolSettings)
+    planner: PlannerOptions = dc.field(default_factory=PlannerOptions)
     station: StationSettings = dc.field(default_factory=StationSettings)
     sensor: SensorSettings = dc.field(default_factory=SensorSettings)
     loop: LoopSettings = dc.field(default_factory=LoopSettings)
@@ -156,10 +181,14 @@ class Scenario:
             raise InputError("scenario: clearances must not be negative")
         if len(self.table.size) != 2 or min(self.table.size) <= 0.0:
             raise InputError("scenario: table size needs two positive lengths (x, y)")
+        for key, number in dc.asdict(self.tools).items():
+            if not (isfinite(number) and number > 0.0):
+                raise InputError(f"scenario: tools {key} is {number:g}; give a positive number")
         self._validate_loop()
 
     def _validate_loop(self) -> None:
         choices = (
+            ("planner turntable", self.planner.turntable, TURNTABLES),
             ("station form", self.station.form, STATION_FORMS),
             ("sensor kind", self.sensor.kind, SENSOR_KINDS),
             ("loop arms", self.loop.arms, ("any", "dual", "single")),

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models import InputError, load_yaml
-from unwrinkle.models.archive import load_archive, save_archive
+from unwrinkle.models.archive import archive_members, load_archive, save_archive
 from unwrinkle.perception.camera import Camera, load_camera
 from unwrinkle.perception.pose import PoseRecord, check_pose
 
@@ -134,9 +134,10 @@ def load_capture(
     elif suffix == ".npy":
         raw = _read_npy(path)
     elif suffix == ".npz":
-        header, arrays = load_archive(path)
+        header, arrays = load_archive(path, "depth|colour|X_WC")
         if "depth" not in arrays:
-            raise InputError(f"{path}: has no array 'depth' (it has {', '.join(arrays) or 'none'})")
+            names = ", ".join(archive_members(path)) or "none"
+            raise InputError(f"{path}: has no array 'depth' (it has {names})")
         raw = arrays["depth"]
     else:
         raise InputError(f"{path}: depth must be .png, .npy or .npz, not {suffix or 'nameless'}")

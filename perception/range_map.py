@@ -138,7 +138,7 @@ class RangeMap:
         Raises:
             InputError: missing, truncated, pickled, of another kind or version, or inconsistent.
         """
-        header, arrays = load_archive(path)
+        header, arrays = load_archive(path, "height|valid|garment|origin|colour")
         if header.get("format") != _FORMAT:
             raise InputError(f"{path}: is no range map; was it written by another command?")
         if header.get("version") != _VERSION:

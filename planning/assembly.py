@@ -11,15 +11,15 @@ from unwrinkle.planning.joint_lines import time_line
 from unwrinkle.planning.kinematics import Kinematics
 from unwrinkle.planning.plan import GripperEvent, PoseMark, Segment
 from unwrinkle.planning.poses import PIECES, POSES
+from unwrinkle.planning.sampling import Samples, sample_within, sampling_period
 from unwrinkle.planning.search import Motion
+from unwrinkle.planning.sent import MILLISECONDS, whole_milliseconds
 from unwrinkle.planning.settings import PlannerSettings
 from unwrinkle.planning.time_law import JointPath, PathLimits, TimedPath, time_paths
 from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.planning.transit import Transit
 
 Array = NDArray[np.float64]
-Samples = tuple[Array, Array, Array]  # times (N,), positions (N, 13), velocities (N, 13)
-
 #: Wait after the grippers' stroke: their controller reports "closed" early by about this, s.
 _SETTLE = 0.25
 
@@ -30,6 +30,7 @@ class MotionTiming:
     def __init__(self, cell: Cell, settings: PlannerSettings, kinematics: Kinematics) -> None:
         """Use the cell's limits, less the settings' margin."""
         self._limits, self._settings, self._kinematics = cell.limits, settings, kinematics
+        self._period = sampling_period(settings.sample_time, cell.scenario.speed)
 
     def pieces(self, motion: Motion) -> list[TimedPath]:
         """The motion's three pieces, each from rest to rest; the tools' speed is capped where they hold cloth.
@@ -64,44 +65,59 @@ class MotionTiming:
     def segments(
         self, motion: Motion, pieces: list[TimedPath], ways: tuple[Transit, Transit]
     ) -> tuple[tuple[Segment, ...], tuple[GripperEvent, ...]]:
-        """The motion as samples between gripper events, on one clock.
+        """The motion as samples between gripper events, on one clock, all of it on whole milliseconds.
 
         Args:
             motion: what was searched.
             pieces: its timed pieces.
             ways: from the start to the plan pose, and from the leave pose to home.
+
+        Raises:
+            NoSafePlanError: a transit takes longer than the settings allow, or rounding alone breaks the limits.
         """
         gripper = self._limits.gripper
-        dwell = gripper.stroke / gripper.velocity + _SETTLE
+        shortest = gripper.stroke / gripper.velocity + _SETTLE
+        dwell = float(np.ceil(MILLISECONDS * shortest - 1e-6)) / MILLISECONDS
         taking_part = (motion.hands[0] is not None, motion.hands[1] is not None)
         opened = (False, False)
         there, back = (self._line_samples(way) for way in ways)
-        samples = [piece.sample(self._settings.sample_time) for piece in pieces]
+        samples = [
+            _held(points, sample_within(piece, self._period, self._limits))
+            for points, piece in zip(motion.paths, pieces, strict=True)
+        ]
         joined = [_joined([there, samples[0]]), samples[1], _joined([samples[2], back])]
         segments: list[Segment] = []
         events: list[GripperEvent] = []
         clock = 0.0
         for i, (name, _, _) in enumerate(PIECES):
             begin = float(there[0][-1]) if i == 0 else 0.0
-            end = begin + float(samples[i][0][-1])
+            end = _whole(begin + float(samples[i][0][-1]))
             marks = _marks(motion, i, samples[i], begin)
             state = taking_part if name == "pull" else opened
             trajectory = Trajectory(*joined[i])
             segments.append(Segment(name, clock, trajectory, state, marks, (begin, end)))
-            clock += trajectory.duration
+            clock = _whole(clock + trajectory.duration)
             if i + 1 < len(PIECES):
                 events.append(GripperEvent(clock, taking_part if i == 0 else opened, dwell))
-                clock += dwell
+                clock = _whole(clock + dwell)
         return tuple(segments), tuple(events)
 
     def _line_samples(self, way: Transit) -> Samples:
         """Straight joint lines with a stop at every corner."""
-        margin, period = self._settings.margin, self._settings.sample_time
+        margin, period = self._settings.margin, self._period
         longest = self._settings.longest
         lines = [
             time_line(a, b, self._limits, margin, period, longest) for a, b in pairwise(way.points)
         ]
         return _joined([(t, q, v) for t, q, v, _ in lines])
+
+
+def _held(points: Array, samples: Samples) -> Samples:
+    """Samples in which the axes that a path holds still are still, without the rounding of its spline."""
+    t, q, v = samples
+    still = np.all(points == points[0], axis=0)
+    q[:, still], v[:, still] = points[0, still], 0.0
+    return t, q, v
 
 
 def _marks(motion: Motion, piece: int, samples: Samples, begin: float) -> tuple[PoseMark, ...]:
@@ -111,7 +127,9 @@ def _marks(motion: Motion, piece: int, samples: Samples, begin: float) -> tuple[
     nearest = int(np.linalg.norm(q - middle, axis=1).argmin())
     _, first, last = PIECES[piece]
     times = (0.0, float(t[nearest]), float(t[-1]))
-    marks = [PoseMark(n, begin + x) for n, x in zip(POSES[first : last + 1], times, strict=True)]
+    marks = [
+        PoseMark(n, _whole(begin + x)) for n, x in zip(POSES[first : last + 1], times, strict=True)
+    ]
     return tuple(
         marks if piece == 0 else marks[1:]
     )  # later pieces begin where the one before ended
@@ -124,4 +142,13 @@ def _joined(parts: list[Samples]) -> Samples:
         times.append(t[1:] + times[-1][-1])
         positions.append(q[1:])
         velocities.append(v[1:])
-    return np.concatenate(times), np.concatenate(positions), np.concatenate(velocities)
+    return (
+        whole_milliseconds(np.concatenate(times)),
+        np.concatenate(positions),
+        np.concatenate(velocities),
+    )
+
+
+def _whole(time: float) -> float:
+    """A sum of whole milliseconds without the rounding of the sum, s."""
+    return float(whole_milliseconds(np.array(time)))

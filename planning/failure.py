@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.planning.hand_paths import SearchLog
 
@@ -14,14 +15,31 @@ class PlanFailure:
     """The cause of a failure.
 
     Attributes:
-        cause: far-reach, near-limit, arm-arm, collision, transit, start, or time.
+        cause: off-table, far-reach, near-limit, arm-arm, collision, transit, verification, start, or time.
         message: one sentence with the figures and what would mend it.
-        missing: metres beyond the reach, where the cause is far-reach.
+        missing: metres beyond the reach, where the cause is far-reach; beyond the edge, where it is off-table.
     """
 
     cause: str
     message: str
     missing: float | None = None
+
+
+def off_table(target: FlatteningTarget, cell: Cell) -> PlanFailure | None:
+    """Why a target cannot be served because a hand would grasp or put down beside the working table; None if it can."""
+    for hand in target.hands:
+        put = hand.p_WG[:2] + hand.pull_distance * hand.pull_direction
+        for what, place in (("grasp point", hand.p_WG[:2]), ("put-down point", put)):
+            beyond = float(cell.beyond_table(place))
+            if not beyond <= 0.0:
+                x, y = place
+                return PlanFailure(
+                    "off-table",
+                    f"the {what} ({x:.3f}, {y:.3f}) m lies {1e3 * beyond:.0f} mm beyond the edge of the working "
+                    f"table; move the garment by that much towards the table's middle",
+                    beyond,
+                )
+    return None
 
 
 def explain(kind: str, log: SearchLog, target: FlatteningTarget) -> PlanFailure:

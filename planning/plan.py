@@ -13,12 +13,19 @@ from numpy.typing import NDArray
 
 from unwrinkle.models.archive import load_archive, save_archive
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.json_fields import as_number, field, flags, integer, items, number, only, text
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.planning.trajectory import Trajectory
 
 FORMAT = "unwrinkle-plan"
 VERSION = 1
+#: Of all arrays of a plan's file, bytes; a plan of 20 000 samples has 5 MB, a garment's surface some more.
+MOST_BYTES = 64 << 20
+_SAMPLES = ("times", "positions", "velocities")
+_MEMBERS = (
+    r"segment[0-9]\.(times|positions|velocities)|garment\.(p_WV|triangles|colours|ridge|outline)"
+)
 
 
 @dataclass(frozen=True)
@@ -196,7 +203,7 @@ class FlatteningPlan:
         Raises:
             InputError: missing, damaged, no plan, of another version, or changed since it was made.
         """
-        header, arrays = load_archive(path)
+        header, arrays = load_archive(path, _MEMBERS, MOST_BYTES)
         if header.get("format") != FORMAT:
             raise InputError(f"{path}: is not a flattening plan; make one with `unwrinkle plan`")
         if header.get("version") != VERSION:
@@ -206,10 +213,8 @@ class FlatteningPlan:
             )
         try:
             plan = _from_parts(header, arrays)
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise InputError(f"{path}: is damaged ({error!r}); plan again") from None
         except InputError as error:
-            raise InputError(f"{path}: {error}") from None
+            raise InputError(f"{path}: is damaged: {error}; plan again") from None
         if plan.content_hash != header.get("content_hash"):
             raise InputError(
                 f"{path}: the content does not match its hash {str(header.get('content_hash'))[:12]}:"
@@ -221,15 +226,15 @@ class FlatteningPlan:
         arrays: dict[str, NDArray[Any]] = {}
         segments = []
         for i, segment in enumerate(self.segments):
-            for name in ("times", "positions", "velocities"):
+            for name in _SAMPLES:
                 arrays[f"segment{i}.{name}"] = getattr(segment.trajectory, name)
             segments.append(
                 {
                     "name": segment.name,
-                    "start": segment.start,
+                    "start": _plain(segment.start),
                     "closed": list(segment.closed),
-                    "poses": [asdict(mark) for mark in segment.poses],
-                    "contact": list(segment.contact),
+                    "poses": [_plain(asdict(mark)) for mark in segment.poses],
+                    "contact": [_plain(time) for time in segment.contact],
                 }
             )
         if self.garment is not None:
@@ -241,48 +246,132 @@ class FlatteningPlan:
             "robot": self.robot,
             "robot_hash": self.robot_hash,
             "limits_hash": self.limits_hash,
-            "speed": self.speed,
+            "speed": _plain(self.speed),
             "target": self.target.to_json(),
-            "arms": [None if arm is None else asdict(arm) for arm in self.arms],
-            "turntable": self.turntable,
+            "arms": [
+                None if arm is None else {**_plain(asdict(arm)), "side": arm.side}
+                for arm in self.arms
+            ],
+            "turntable": _plain(self.turntable),
             "segments": segments,
-            "events": [{**asdict(event), "closed": list(event.closed)} for event in self.events],
+            "events": [
+                {**_plain(asdict(event)), "closed": list(event.closed)} for event in self.events
+            ],
             "note": self.note,
         }
         return header, arrays
 
 
+def _plain(value: Any) -> Any:
+    """Numbers, also those of an object's fields, as the floats that a file gives back; the rest as it is."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    number_ = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    return float(value) if number_ else value
+
+
 def _from_parts(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> FlatteningPlan:
-    segments = []
-    for i, item in enumerate(header["segments"]):
-        trajectory = Trajectory(
-            *(arrays[f"segment{i}.{name}"] for name in ("times", "positions", "velocities"))
-        )
-        poses = tuple(PoseMark(**mark) for mark in item["poses"])
-        right, left = item["closed"]
-        begin, end = item["contact"]
-        segments.append(
-            Segment(item["name"], item["start"], trajectory, (right, left), poses, (begin, end))
-        )
-    events = tuple(
-        GripperEvent(event["time"], (event["closed"][0], event["closed"][1]), event["dwell"])
-        for event in header["events"]
+    """The plan, with every field of the file checked for what it has to be.
+
+    Raises:
+        InputError: a field or an array is missing, or something else than it has to be.
+    """
+    segments = tuple(_segment(i, item, arrays) for i, item in enumerate(items(header, "segments")))
+    events = []
+    for i, item in enumerate(items(header, "events")):
+        where = f"events[{i}]"
+        only(item, ("time", "closed", "dwell"), where)
+        right, left = flags(item, "closed", where, count=2)
+        time, dwell = number(item, "time", where), number(item, "dwell", where)
+        events.append(GripperEvent(time, (right, left), dwell))
+    right_arm, left_arm = (
+        None if item is None else _arm(f"arms[{i}]", item)
+        for i, item in enumerate(items(header, "arms", count=2))
     )
-    arms = [None if arm is None else ArmChoice(**arm) for arm in header["arms"]]
-    garment = None
-    if "garment.p_WV" in arrays:
-        names = GarmentSurface.__dataclass_fields__
-        garment = GarmentSurface(**{name: arrays[f"garment.{name}"] for name in names})
     return FlatteningPlan(
-        robot=header["robot"],
-        robot_hash=header["robot_hash"],
-        limits_hash=header["limits_hash"],
-        speed=header["speed"],
-        target=FlatteningTarget.from_json(header["target"]),
-        arms=(arms[0], arms[1]),
-        turntable=header["turntable"],
-        segments=tuple(segments),
-        events=events,
-        note=header["note"],
-        garment=garment,
+        robot=text(header, "robot"),
+        robot_hash=text(header, "robot_hash"),
+        limits_hash=text(header, "limits_hash"),
+        speed=number(header, "speed"),
+        target=_target(field(header, "target")),
+        arms=(right_arm, left_arm),
+        turntable=number(header, "turntable"),
+        segments=segments,
+        events=tuple(events),
+        note=text(header, "note"),
+        garment=_garment(arrays),
     )
+
+
+def _segment(i: int, item: Any, arrays: Mapping[str, NDArray[Any]]) -> Segment:
+    where = f"segments[{i}]"
+    only(item, ("name", "start", "closed", "poses", "contact"), where)
+    samples = [_numbers(arrays, f"segment{i}.{name}") for name in _SAMPLES]
+    if samples[0].ndim != 1:
+        raise InputError(f"segment{i}.times has {samples[0].ndim} dimensions, expected 1")
+    poses = []
+    for k, mark in enumerate(items(item, "poses", where)):
+        only(mark, ("name", "time"), f"{where}.poses[{k}]")
+        name = text(mark, "name", f"{where}.poses[{k}]")
+        poses.append(PoseMark(name, number(mark, "time", f"{where}.poses[{k}]")))
+    right, left = flags(item, "closed", where, count=2)
+    begin, end = (
+        as_number(value, f"{where}.contact") for value in items(item, "contact", where, 2)
+    )
+    return Segment(
+        text(item, "name", where),
+        number(item, "start", where),
+        Trajectory(*samples),
+        (right, left),
+        tuple(poses),
+        (begin, end),
+    )
+
+
+def _arm(where: str, item: Any) -> ArmChoice:
+    only(item, ("side", "offset", "tilt", "share"), where)
+    offset, tilt, share = (number(item, key, where) for key in ("offset", "tilt", "share"))
+    return ArmChoice(integer(item, "side", where), offset, tilt, share)
+
+
+def _target(data: Any) -> FlatteningTarget:
+    try:
+        return FlatteningTarget.from_json(data)
+    except InputError as error:
+        raise InputError(f"target: {error}") from None
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise InputError(f"target: {error!r}") from None
+
+
+def _garment(arrays: Mapping[str, NDArray[Any]]) -> GarmentSurface | None:
+    names = tuple(GarmentSurface.__dataclass_fields__)
+    present = [name for name in names if f"garment.{name}" in arrays]
+    if not present:
+        return None
+    surface = {}
+    for name in names:
+        value = _numbers(arrays, f"garment.{name}")
+        if value.ndim != 2 or value.shape[1] != 3:
+            raise InputError(f"garment.{name} has shape {value.shape}, expected rows of 3")
+        if not np.isfinite(value).all():
+            raise InputError(f"garment.{name} holds a number that is not finite")
+        surface[name] = value
+    triangles = surface["triangles"]
+    if triangles.dtype.kind not in "iu" or (
+        triangles.size and not 0 <= triangles.min() <= triangles.max() < len(surface["p_WV"])
+    ):
+        raise InputError("garment.triangles names vertices that are not there")
+    return GarmentSurface(**surface)
+
+
+def _numbers(arrays: Mapping[str, NDArray[Any]], name: str) -> NDArray[Any]:
+    """An array of real numbers.
+
+    Raises:
+        InputError: it is missing, or of another type.
+    """
+    if name not in arrays:
+        raise InputError(f"the array {name} is missing")
+    if arrays[name].dtype.kind not in "fiu":
+        raise InputError(f"the array {name} holds {arrays[name].dtype}, expected real numbers")
+    return arrays[name]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from unwrinkle.models.robot import Cell
-from unwrinkle.perception.target import FlatteningTarget
+from unwrinkle.perception.target import FlatteningTarget, HandTarget
 from unwrinkle.planning.collision import CollisionModel
 from unwrinkle.planning.hand_paths import HandCandidate, HandPaths, SearchLog
 from unwrinkle.planning.kinematics import Array, Kinematics
@@ -22,6 +22,7 @@ from unwrinkle.planning.settings import MotionShape, PlannerSettings, Stage
 
 Hands = tuple[HandCandidate | None, HandCandidate | None]
 
+_STRAIGHT = 1e-3  # x of a pull direction that counts as straight ahead
 _LOOK_AHEAD = 400  # combinations whose hands may be solved in one batch
 
 
@@ -85,8 +86,17 @@ class MotionSearch:
     def single(
         self, target: FlatteningTarget, accept: Callable[[Motion], bool] = _any_motion
     ) -> tuple[Motion | None, SearchLog]:
-        """The same for one arm on one side of the target, the other arm at home."""
-        return self._search(target, self._singles, accept)
+        """The same for one arm on one side of the target, the other arm at home.
+
+        The arm is the one that the flattening direction suggests (see `suggested_arm`); only where it has no motion on either
+        side, the other one is tried. Of the sides the cheaper one is taken, of equally cheap ones hand 0.
+        """
+        motion, log = self._search(target, self._suggested, accept)
+        if motion is None and not log.out_of_time:
+            other, other_log = self._search(target, self._others, accept)
+            if other is not None:
+                return other, other_log
+        return motion, log
 
     def _search(
         self,
@@ -175,12 +185,24 @@ class MotionSearch:
                     pairs.append((cost, (a, b)))
         return pairs
 
-    def _singles(
+    def _suggested(
         self, target: FlatteningTarget, stage: Stage, paths: HandPaths
+    ) -> list[tuple[float, Hands]]:
+        return self._singles(target, paths, suggested=True)
+
+    def _others(
+        self, target: FlatteningTarget, stage: Stage, paths: HandPaths
+    ) -> list[tuple[float, Hands]]:
+        return self._singles(target, paths, suggested=False)
+
+    def _singles(
+        self, target: FlatteningTarget, paths: HandPaths, *, suggested: bool
     ) -> list[tuple[float, Hands]]:
         natural = natural_assignment(target)
         singles: list[tuple[float, Hands]] = []
         for side, arm in itertools.product((0, 1), repeat=2):
+            if (arm == suggested_arm(target.hands[side])) != suggested:
+                continue
             for c in paths.within_reach(side, arm):
                 if c.freedom.share == 1.0:
                     cost = self._shared_cost(c, natural[side] != arm) + self._cost(c)
@@ -198,6 +220,19 @@ class MotionSearch:
     def _shared_cost(self, c: HandCandidate, swapped: bool) -> float:
         w = self._settings.weights
         return w.turntable * abs(c.turntable) + w.swap * swapped
+
+
+def suggested_arm(hand: HandTarget) -> int:
+    """The arm that a hand's flattening direction suggests: the one on the side that it pulls to.
+
+    0, the right arm, where the pull goes towards lesser world x, 1 where towards greater. Ties, which are pulls straight
+    away from the robot or towards it (within a milliradian), go to the arm on whose side the grasp point lies, and on the
+    middle line to the right arm.
+    """
+    towards = float(hand.pull_direction[0])
+    if abs(towards) <= _STRAIGHT:
+        towards = float(hand.p_WG[0])
+    return 0 if towards <= 0.0 else 1
 
 
 def natural_assignment(target: FlatteningTarget) -> tuple[int, int]:

@@ -1,6 +1,6 @@
 """Settings of the planner: the shape of the seven-pose motion, and the freedoms the search may use."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import radians
 
 
@@ -87,7 +87,8 @@ class PlannerSettings:
         budget: s, after which the search gives up and says so.
         transit_budget: s, for one transit found by sampling.
         path_step: m, distance of the points at which Cartesian pieces are solved.
-        sample_time: s, period of the samples that a plan carries.
+        sample_time: s, period of the samples that a plan carries at catalogue speed; a slower plan has a longer one, see
+            `sampling_period`.
         margin: fraction of velocity, acceleration and jerk limits that the timing leaves unused, for the controller's
             cubic interpolation between samples.
         seed: of the sampling transit planner.
@@ -119,3 +120,9 @@ class CostWeights:
     preferred_tilt: float = radians(52.5)
     swap: float = 0.05
     share: float = 0.5
+
+
+def with_turntable_at(settings: PlannerSettings, angle: float) -> PlannerSettings:
+    """The settings with every stage's turn-table at one angle, rad."""
+    stages = tuple(replace(stage, turntable=(angle,)) for stage in settings.stages)
+    return replace(settings, stages=stages)

@@ -172,12 +172,14 @@ class TimedPath:
     _coefficients: Array
     _tau_of_time: CubicHermiteSpline
 
-    def sample(self, period: float) -> tuple[Array, Array, Array]:
+    def sample(self, period: float, slower: float = 1.0) -> tuple[Array, Array, Array]:
         """Times (N,), positions and velocities (N, n) at a period, the first and last at rest.
 
-        The law is slowed by less than one period in all, so that the end falls on a sample.
+        Args:
+            period: s; the law is slowed by less than one period in all, so that the end falls on a sample.
+            slower: further factor on the duration, at least 1.
         """
-        count = max(1, int(np.ceil(self.duration / period - 1e-9)))
+        count = max(1, int(np.ceil(self.duration * slower / period - 1e-9)))
         stretch = count * period / self.duration
         t = period * np.arange(count + 1, dtype=float)
         tau = self._tau_of_time(t / stretch)

@@ -32,7 +32,7 @@ class Trajectory:
 
     def __post_init__(self) -> None:
         """Check and freeze the arrays."""
-        count = len(self.times)
+        count = np.size(self.times)
         shapes = {"times": (count,), "positions": (count, AXES), "velocities": (count, AXES)}
         for name, shape in shapes.items():
             value = np.array(getattr(self, name), dtype=float)

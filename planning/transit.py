@@ -32,11 +32,25 @@ class Transit:
 class TransitPlanner:
     """Plans transits with the fingers kept off the table."""
 
-    def __init__(self, limits: Limits, collision: CollisionModel, budget: float, seed: int) -> None:
-        """Use the given limits and model; a sampling search may take `budget` seconds, from the given seed."""
+    def __init__(
+        self,
+        limits: Limits,
+        collision: CollisionModel,
+        budget: float,
+        seed: int,
+        *,
+        fixed_turntable: bool = False,
+    ) -> None:
+        """Use the given limits and model; a sampling search may take `budget` seconds, from the given seed.
+
+        With a fixed turn-table no way turns it, given that start and goal have it at one angle.
+        """
         self._limits, self._collision = limits, collision
         self._budget, self._seed = budget, seed
         self._weights = 0.5 * collision.reach
+        self._spread = _SPREAD.copy()
+        if fixed_turntable:
+            self._spread[0] = 0.0
 
     def plan(self, start: Array, goal: Array) -> Transit | None:
         """A free way between two configurations (13,), or None."""
@@ -72,7 +86,7 @@ class TransitPlanner:
             if time.perf_counter() > deadline:
                 return None
             along = start + rng.uniform() * (goal - start)
-            sample = along + rng.normal(size=len(start)) * _SPREAD * min(2.0, 0.5 + k / 100)
+            sample = along + rng.normal(size=len(start)) * self._spread * min(2.0, 0.5 + k / 100)
             here, there = trees[k % 2], trees[1 - k % 2]
             new = self._extend(here, np.clip(sample, low, high))
             while new is not None:

@@ -70,7 +70,7 @@ def _check_positions(
                 (float(upper - high[j]), float(high[j]), float(upper), name, float(leg.times[j])),
             )
         margin, value, limit, _, time = nearest
-        if margin < -TOLERANCE:
+        if not margin >= -TOLERANCE:
             found.fail(
                 "position",
                 f"{name} reaches {value:.4f} rad at {time:.3f} s, beyond its limit {limit:.4f} rad by "
@@ -95,11 +95,11 @@ def _check_ratios(
         ratio, value, limit, time = -1.0, 0.0, 0.0, 0.0
         for leg, v, bound in zip(legs, values, limits, strict=True):
             allowed = np.broadcast_to(bound, v.shape)[:, axis]
-            i = int(np.argmax(v[:, axis] / allowed))
-            if v[i, axis] / allowed[i] > ratio:
+            i = int(np.argmax(v[:, axis] / allowed))  # the first NaN, where there is one
+            if not v[i, axis] / allowed[i] <= ratio:
                 ratio, value = float(v[i, axis] / allowed[i]), float(v[i, axis])
                 limit, time = float(allowed[i]), float(leg.times[i])
-        if ratio > 1.0 + TOLERANCE:
+        if not ratio <= 1.0 + TOLERANCE:
             unit = _UNITS.get(name, "rad/s²")
             found.fail(
                 name,

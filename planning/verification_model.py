@@ -61,6 +61,7 @@ class CellModel:
         second: (G,) second shape.
         pair_of: (G,) their bodies' index in `pairs`.
         reach: (G,) sum of the radii of spheres around both, m.
+        table_height: of the working table, m.
         chains: per moving body the joints (columns of a leg) that move it, from the world outwards.
         corners: per moving body (8, 3) corners of a box around its shapes, in the child frame of its last joint.
     """
@@ -89,7 +90,8 @@ class CellModel:
             for _, gripper in ARMS
         ]
         self._table = self._table_frame()
-        self.table_height = float(self._table.CalcPoseInWorld(self._context).translation()[2])
+        self._X_WS = self._table.CalcPoseInWorld(self._context).GetAsMatrix4()
+        self.table_height = float(self._X_WS[2, 3])
         self._find_bodies()
         self.pairs: list[BodyPair] = []
         self._find_pairs()
@@ -118,6 +120,12 @@ class CellModel:
             for j, frame in enumerate(self._tips):
                 X_WT[i, j] = frame.CalcPoseInWorld(self._context).GetAsMatrix4()
         return X_WJ, X_WT
+
+    def beyond_table(self, places: Array) -> Array:
+        """How far places (..., 2) in the world lie beyond the nearest edge line of the working table, m; negative on it."""
+        local = (np.asarray(places) - self._X_WS[:2, 3]) @ self._X_WS[:2, :2]
+        beyond = np.abs(local) - 0.5 * np.asarray(self.cell.scenario.table.size)
+        return np.asarray(beyond.max(axis=-1))
 
     def axis_directions(self) -> Array:
         """Directions of the joints' axes in their child frames, (15, 3)."""

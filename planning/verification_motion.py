@@ -102,6 +102,15 @@ class Leg:
             self.velocities[i] + t * (0.5 * begin + t * self.jerk[i] / 6.0)
         )
 
+    def at_times(self, times: Array) -> "Leg":
+        """The same motion with its samples at times (m,) on the plan's clock, increasing, inside the leg."""
+        i = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.step) - 1)
+        t = (times - self.times[i])[:, None]
+        begin, jerk, v = self.acceleration[0][i], self.jerk[i], self.velocities[i]
+        positions = self.positions[i] + t * (v + t * (0.5 * begin + t * jerk / 6.0))
+        velocities = v + t * (begin + 0.5 * t * jerk)
+        return Leg(self.name, times, positions, velocities, self.held, self.contact)
+
 
 def legs(plan: FlatteningPlan, opening: float) -> tuple[Leg, ...]:
     """All that moves, in order: the segments, and between them the strokes of the grippers.

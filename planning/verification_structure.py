@@ -5,8 +5,10 @@ import dataclasses as dc
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import FlatteningPlan
+from unwrinkle.planning.sent import as_sent
 from unwrinkle.planning.verification_verdict import Findings
 
 Array = NDArray[np.float64]
@@ -18,6 +20,14 @@ POSES = (
     ("pull", "put-on-table"),
     ("free-garment", "leave-table"),
 )
+#: Of any number of a plan outside its samples (s, rad, shares): beyond it its clock would round to microseconds and more.
+GREATEST = 1e6
+#: Samples of a whole plan; more take too long to be verified.
+MOST_SAMPLES = 20_000
+#: Of the grasp direction against the target's, rad: beyond it the blades come from the side or from inside the garment.
+GREATEST_OFFSET = np.radians(75.0)
+#: Of one hand's pull in a hand's pull of the target; both hands together pull no more than twice that.
+GREATEST_SHARE, SHARE_TOLERANCE = 2.0, 1e-9
 #: s on the plan's clock.
 TIME_TOLERANCE = 1e-6
 #: rad; what MotoROS clients allow between the robot and the first point of a trajectory.
@@ -29,7 +39,7 @@ REST_TOLERANCE = 1e-9
 
 
 def check_identity(plan: FlatteningPlan, cell: Cell, limits_hash: str, found: Findings) -> None:
-    """Check that plan, robot and limits are the ones the plan claims. Adds the checks `hash` and `speed`."""
+    """Check that plan, robot and limits are the ones the plan claims. Adds the check `hash`."""
     # `content_hash` is kept once computed; a copy computes it anew.
     if dc.replace(plan).content_hash != plan.content_hash:
         found.fail("hash", "the plan's content has changed since its hash was computed; plan again")
@@ -45,13 +55,107 @@ def check_identity(plan: FlatteningPlan, cell: Cell, limits_hash: str, found: Fi
                 f"the plan was made with another {what} ({made[:12]}, here {here[:12]}); plan again",
             )
     found.check("hash", where=plan.content_hash[:12])
+
+
+def check_speed(plan: FlatteningPlan, cell: Cell, found: Findings) -> None:
+    """Check the plan's fraction of the catalogue speed. Adds the check `speed`."""
     allowed = cell.scenario.speed
-    if plan.speed > allowed:
+    if not 0.0 < plan.speed <= allowed:
         found.fail(
             "speed",
             f"the plan uses {plan.speed:g} of the catalogue speed, the cell allows {allowed:g}",
         )
     found.check("speed", plan.speed, allowed, allowed - plan.speed)
+
+
+def check_numbers(plan: FlatteningPlan, found: Findings) -> None:
+    """Check that every number outside the samples is finite, and that there are not too many samples. Adds the check `numbers`."""
+    numbers: list[tuple[str, float]] = [("speed", plan.speed), ("turntable", plan.turntable)]
+    for name, arm in zip(("right", "left"), plan.arms, strict=True):
+        if arm is not None:
+            numbers += [
+                (f"{name} arm's {key}", getattr(arm, key))
+                for key in ("side", "offset", "tilt", "share")
+            ]
+    for event in plan.events:
+        numbers += [(f"gripper event's {key}", getattr(event, key)) for key in ("time", "dwell")]
+    for segment in plan.segments:
+        numbers.append((f"start of {segment.name}", segment.start))
+        numbers += [(f"contact of {segment.name}", value) for value in segment.contact]
+        numbers += [(f"{mark.name} of {segment.name}", mark.time) for mark in segment.poses]
+    for what, value in numbers:
+        if not (isinstance(value, int | float | np.number) and np.isfinite(value)):
+            found.fail("numbers", f"the {what} is {value!r}, which is no finite number")
+        elif not abs(value) <= GREATEST:
+            found.fail("numbers", f"the {what} is {value:.3g}, which no plan has")
+    count = sum(len(segment.trajectory.times) for segment in plan.segments)
+    if not count <= MOST_SAMPLES:
+        found.fail(
+            "numbers",
+            f"the plan has {count} samples and cannot be verified within {MOST_SAMPLES}; plan with a longer sample time",
+        )
+    found.check(
+        "numbers", float(count), float(MOST_SAMPLES), float(MOST_SAMPLES - count), "", "samples"
+    )
+
+
+def check_choice(plan: FlatteningPlan, found: Findings) -> None:
+    """Check what the plan claims of its arms, apart from their motion. Adds the check `choice`."""
+    shares = {}
+    for name, arm in zip(("right", "left"), plan.arms, strict=True):
+        if arm is None:
+            continue
+        shares[name] = arm.share
+        if not abs(arm.offset) <= GREATEST_OFFSET:
+            found.fail(
+                "choice",
+                f"the {name} arm's offset is {np.degrees(arm.offset):.0f} degrees, at most "
+                f"{np.degrees(GREATEST_OFFSET):.0f} are allowed: the blades would not enter the cloth from outside",
+            )
+        if not 0.0 <= arm.share <= GREATEST_SHARE:
+            found.fail(
+                "choice",
+                f"the {name} arm pulls {arm.share:g} times the target's distance, 0 to {GREATEST_SHARE:g} are allowed",
+            )
+    together, allowed = sum(shares.values()), float(len(shares))
+    if not together <= allowed + SHARE_TOLERANCE:
+        found.fail(
+            "choice",
+            f"the arms pull {together:g} times a hand's distance together, at most {allowed:g} is allowed for "
+            f"{len(shares)} arm{'s' if len(shares) != 1 else ''}",
+        )
+    found.check(
+        "choice", together, allowed, allowed - together, "", "pull of all arms, of a hand's"
+    )
+
+
+def check_sent(plan: FlatteningPlan, found: Findings) -> FlatteningPlan | None:
+    """The plan with its segments as the controller takes them; None if it cannot. Adds the check `sent`.
+
+    Every profile of the controller carries float32 and whole milliseconds.
+    """
+    segments, shift, where, when = [], 0.0, "", 0.0
+    for segment in plan.segments:
+        try:
+            sent = as_sent(segment.trajectory)
+        except InputError as error:
+            found.fail("sent", f"{segment.name}: {error}", segment.start)
+            continue
+        begin, end = segment.contact
+        if end >= segment.trajectory.duration - TIME_TOLERANCE:
+            end = (
+                sent.duration
+            )  # contact lasts to the end, which may come up to a millisecond later
+        segments.append(dc.replace(segment, trajectory=sent, contact=(begin, end)))
+        times = segment.trajectory.times
+        off = np.abs(times - np.rint(1e3 * times) / 1e3)
+        i = int(np.argmax(off))
+        if off[i] >= shift:
+            shift, where, when = float(off[i]), segment.name, segment.start + float(times[i])
+    if found.failed("sent"):
+        return None
+    found.check("sent", shift, 1e-3, 1e-3 - shift, "s", where, when)
+    return dc.replace(plan, segments=tuple(segments))
 
 
 def check_structure(plan: FlatteningPlan, found: Findings) -> None:
@@ -118,7 +222,7 @@ def check_rest(plan: FlatteningPlan, start: Array, found: Findings) -> None:
             (segment.end, segment.trajectory.velocities[-1]),
         ):
             worst = float(np.max(np.abs(v)))
-            if worst > REST_TOLERANCE:
+            if not worst <= REST_TOLERANCE:
                 found.fail(
                     "rest",
                     f"{segment.name} is not at rest at {time:.3f} s: {worst:.3g} rad/s",
@@ -154,7 +258,7 @@ def _check_equal(
     difference = np.abs(value - expected)
     axis = int(np.argmax(difference))
     worst = float(difference[axis])
-    if worst > tolerance:
+    if not worst <= tolerance:
         found.fail(
             kind,
             f"axis {axis} is at {value[axis]:.6f} rad at {time:.3f} s, where {what} at "
@@ -192,14 +296,14 @@ def check_grippers(plan: FlatteningPlan, cell: Cell, found: Findings) -> None:
                 event.time,
             )
         done = event.time + event.dwell
-        if event.time < before.end - TIME_TOLERANCE or done > after.start + TIME_TOLERANCE:
+        if not (event.time >= before.end - TIME_TOLERANCE and done <= after.start + TIME_TOLERANCE):
             found.fail(
                 "gripper",
                 f"the grippers change from {event.time:.3f} to {done:.3f} s, while the arms rest only from "
                 f"{before.end:.3f} to {after.start:.3f} s",
                 event.time,
             )
-        if event.dwell < needed - TIME_TOLERANCE:
+        if not event.dwell >= needed - TIME_TOLERANCE:
             found.fail(
                 "gripper",
                 f"the grippers get {event.dwell:.3f} s at {event.time:.3f} s, their stroke takes "

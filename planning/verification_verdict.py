@@ -7,24 +7,36 @@ from typing import Any
 CHECKS = {
     "hash": "the plan's content, robot and limits are the ones it claims",
     "speed": "not planned faster than the cell's speed fraction",
+    "numbers": "every number of the plan is one",
     "structure": "segments, poses and contact windows are the expected ones, on one clock",
+    "choice": "what the plan claims of each arm (hand, offset, tilt, share) is possible",
     "gripper": "grippers change at rest, at the right time, with time enough",
+    "sent": "the controller can take it: whole milliseconds, float32",
     "start": "the motion begins where the robot stands",
     "rest": "every segment begins and ends at rest",
     "continuity": "every segment begins where the one before ended",
+    "kinematics": "the robot's numbers and its models put the tools in the same place",
     "position": "axis positions",
     "velocity": "axis velocities",
     "acceleration": "axis accelerations",
     "jerk": "axis jerks",
     "acceleration_jump": "jumps of acceleration between cubic pieces",
+    "turntable": "the turn-table's angle is the claimed one during contact, and constant where it is fixed",
     "clearance": "distances between bodies",
     "finger_table": "fingers and the working table",
+    "contact": "contact windows and named poses are where the tools are at the working place",
+    "table": "grasp, pull and put-down on the working table",
     "tip_speed": "speed of the tool centre points while a gripper is closed",
+    "sliding": "speed of open fingers along the table, near it",
+    "sinking": "speed of open fingers towards the table, near it",
     "stretch": "distance of the grippers over the cloth between them",
-    "slack": "decrease of the grippers' distance while they hold",
+    "slack": "way back of the grippers while they hold",
     "grasp": "tool centre points when the grippers close",
+    "pull": "tool centre points along the pull's line, near the table, while a gripper is closed",
     "put_down": "tool centre points when the grippers open",
-    "tilt": "tilt of the tools while they are down",
+    "tilt": "tilt of the tools during contact and holding",
+    "heading": "direction of the tools during contact and holding",
+    "roll": "blades flat to the table during contact and holding",
 }
 
 #: Kinds of pairs that are near by design: fingers and table meet, neighbours are joined.
@@ -108,7 +120,7 @@ class Verdict:
         violations: empty for a plan that passes.
         clearances: per pair of bodies that came within the search distance, nearest to its padding first.
         elsewhere: all other pairs are at every time at least this far apart, m; proven.
-        queries: number of configurations in which distances were computed.
+        queries: number of configurations in which distances were computed; 0 where the plan was refused before.
     """
 
     plan_hash: str
@@ -200,6 +212,8 @@ class Verdict:
                 f"{pair.time:.3f} s (required {1e3 * pair.required:.0f} mm, proven never below "
                 f"{1e3 * pair.bound:.1f} mm)"
             )
+        if self.queries == 0 and not self.passed:
+            near = "distances were not computed, since what comes before is broken"
         count = len(self.violations)
         state = "safe" if self.passed else f"NOT safe: {count} violation{'s' if count > 1 else ''}"
         return f"plan {self.plan_hash[:12]} is {state}; {near}"
@@ -244,6 +258,10 @@ class Findings:
         before = self._checks.get(name)
         if before is None or (margin or 0.0) < (before.margin or 0.0):
             self._checks[name] = Check(name, True, value, limit, margin, unit, where, time)
+
+    def failed(self, *kinds: str) -> bool:
+        """Whether there is a violation of one of the kinds."""
+        return any(violation.kind in kinds for violation in self.violations)
 
     def checks(self) -> tuple[Check, ...]:
         """The checks, with their results; also those that only left violations behind."""

@@ -10,6 +10,7 @@ from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import NoTarget
 from unwrinkle.planning import planner
 from unwrinkle.planning.settings import PlannerSettings
+from unwrinkle.planning.verified import plan_verified
 from unwrinkle.systems.latest import Latest
 from unwrinkle.systems.results import Analysed, Planned, PlanRequest
 
@@ -17,7 +18,7 @@ _Question = tuple[Analysed, PlanRequest]
 
 
 class FlatteningPlanner(LeafSystem):
-    """Plans what is requested of the wrinkles that were found.
+    """Plans what is requested of the wrinkles that were found, and offers only plans that pass the verification.
 
     Inputs: `analysis` (`Analysed`), `request` (`PlanRequest`); output: `plan` (`Planned`).
     """
@@ -25,7 +26,7 @@ class FlatteningPlanner(LeafSystem):
     def __init__(self, cell: Cell, settings: PlannerSettings | None = None) -> None:
         """Build the planner's models of the cell (a second or so)."""
         super().__init__()
-        self._planner = planner.FlatteningPlanner(cell, settings)
+        self._planner, self._cell = planner.FlatteningPlanner(cell, settings), cell
         self._rules = cell.scenario.loop
         analysis = self.DeclareAbstractInputPort("analysis", AbstractValue.Make(Analysed()))
         request = self.DeclareAbstractInputPort("request", AbstractValue.Make(PlanRequest()))
@@ -62,7 +63,10 @@ class FlatteningPlanner(LeafSystem):
             if isinstance(target, NoTarget):
                 return refused(target.reason)
             target = target.pulled_further(self._rules.pull_gain, self._rules.pull_extra)
-            result = self._planner.plan(target, start=request.start, arms=request.arms)
+            found = plan_verified(
+                self._planner, self._cell, target, start=request.start, arms=request.arms
+            )
+            result = found.result
         except InputError as error:
             return refused(" ".join(str(error).split()))
         reason = ""

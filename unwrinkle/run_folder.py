@@ -217,7 +217,7 @@ class RunFolder:
         Raises:
             InputError: they were not written.
         """
-        _, arrays = load_archive(self.path / _CLOTH)
+        _, arrays = load_archive(self.path / _CLOTH, "triangles|rest")
         try:
             return arrays["triangles"], arrays["rest"]
         except KeyError as error:

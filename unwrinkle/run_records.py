@@ -201,7 +201,8 @@ class MotionRecord:
         Raises:
             InputError: missing, damaged, or no motion record; the message names the file.
         """
-        header, arrays = load_archive(path)
+        names = "|".join(f.name for f in dc.fields(cls) if f.name != "segments")
+        header, arrays = load_archive(path, names)
         if header.get("format") != _MOTION_FORMAT or header.get("version") != _VERSION:
             raise InputError(f"{path}: is no motion record of version {_VERSION}")
         try:

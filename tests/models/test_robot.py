@@ -225,3 +225,66 @@ def test_hash_covers_models_that_a_directives_file_of_the_user_names(cell, tmp_p
         model.write_text(sdf.format(height=height))
         hashes.add(load_cell(scenario).robot_hash)
     assert len(hashes) == 2 and cell.robot_hash not in hashes
+
+
+TETRAHEDRON = (
+    "v 0 0 0\nv {size} 0 0\nv 0 {size} 0\nv 0 0 {size}\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+)
+MODELS = {
+    "post.sdf": "<sdf version='1.9'><model name='post'><link name='post'><collision name='c'><geometry><mesh>"
+    "<uri>{uri}</uri></mesh></geometry></collision></link></model></sdf>",
+    "post.urdf": "<robot name='post'><link name='post'><collision name='c'><geometry><mesh filename='{uri}'/>"
+    "</geometry></collision></link></robot>",
+}
+
+
+def with_mesh(cell, folder, name, uri):
+    """A scenario with a model that names a mesh."""
+    (folder / name).write_text(MODELS[name].format(uri=uri))
+    extra = folder / "post.dmd.yaml"
+    extra.write_text(f"directives:\n- add_model: {{name: post, file: file://{folder / name}}}\n")
+    return dc.replace(cell.scenario, directives=[*cell.scenario.directives, str(extra)])
+
+
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("address", ["relative", "file"])
+def test_hash_covers_meshes(cell, tmp_path, name, address):
+    mesh = tmp_path / "post.obj"
+    uri = "post.obj" if address == "relative" else f"file://{mesh}"
+    scenario = with_mesh(cell, tmp_path, name, uri)
+    hashes = set()
+    for size in (0.1, 10.0):
+        mesh.write_text(TETRAHEDRON.format(size=size))
+        hashes.add(load_cell(scenario).robot_hash)
+    assert len(hashes) == 2
+    mesh.write_text(TETRAHEDRON.format(size=0.1))
+    assert load_cell(scenario).robot_hash in hashes
+    mesh.unlink()
+    with pytest.raises(InputError, match=r"post\.obj"):
+        load_cell(scenario).robot_hash  # noqa: B018
+
+
+def test_hash_covers_buffers_of_meshes(cell, tmp_path):
+    scenario = with_mesh(cell, tmp_path, "post.sdf", "post.gltf")
+    (tmp_path / "post.gltf").write_text('{"buffers": [{"uri": "post.bin"}, {"uri": "data:,x"}]}')
+    hashes = set()
+    for data in (b"1", b"2"):
+        (tmp_path / "post.bin").write_bytes(data)
+        hashes.add(load_cell(scenario).robot_hash)
+    assert len(hashes) == 2
+    (tmp_path / "post.gltf").write_text("[")
+    with pytest.raises(InputError, match="glTF"):
+        load_cell(scenario).robot_hash  # noqa: B018
+
+
+def test_places_beyond_the_working_table(cell):
+    places = [[0.0, -1.2], [0.4, -1.2], [0.0, -0.75], [-0.5, -1.7]]
+    assert cell.beyond_table(np.array(places)) == pytest.approx([-0.4, 0.0, 0.05, 0.1])
+
+
+@pytest.mark.parametrize("key", ["holding_height", "near_table", "sliding_speed", "sinking_speed"])
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
+def test_settings_of_the_tools_that_are_none(cell, key, value):
+    tools = dc.replace(cell.scenario.tools, **{key: value})
+    with pytest.raises(InputError, match=f"tools {key}"):
+        dc.replace(cell.scenario, tools=tools).validate()

@@ -4,12 +4,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import CubicHermiteSpline
 
 from unwrinkle.models.errors import InputError, NoSafePlanError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.planning.joint_lines import time_line
 from unwrinkle.planning.optimum import jerk_free_line_time, jerk_free_time
+from unwrinkle.planning.sampling import sampling_period, sent_ratios
+from unwrinkle.planning.sent import as_sent
 from unwrinkle.planning.time_law import JointPath, PathLimits, time_paths
+from unwrinkle.planning.trajectory import Trajectory
 
 LIMITS = load_cell().limits
 FULL = PathLimits(LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk)
@@ -94,14 +98,53 @@ def test_tip_speed_is_capped():
     assert speeds.max() > 0.24
 
 
-def test_joint_line_keeps_to_the_line():
-    rng = np.random.default_rng(5)
-    start, goal = rng.uniform(-1, 1, 13), rng.uniform(-1, 1, 13)
-    t, q, v, duration = time_line(start, goal, LIMITS, 0.015, 0.008)
-    along = (q - start) @ (goal - start) / np.sum((goal - start) ** 2)
-    assert np.abs(q - start - along[:, None] * (goal - start)).max() < 1e-12
-    assert np.all(np.array(hermite_ratios(t, q, v)) <= 1.0)
-    assert jerk_free_line_time(start, goal, LIMITS) < duration <= t[-1]
+@pytest.mark.parametrize("speed", [0.1, 0.2, 0.5, 1.0])
+def test_joint_lines_keep_to_the_line_and_their_limits_as_sent(speed):
+    """400 random lines, every other one short: at lower speeds other axes' limits decide than at full speed."""
+    rng, limits, period = (
+        np.random.default_rng(5),
+        LIMITS.scaled(speed),
+        sampling_period(0.008, speed),
+    )
+    worst, off = np.zeros(3), 0.0
+    for i in range(400):
+        start, goal = rng.uniform(limits.lower, limits.upper, (2, 13))
+        goal = goal if i % 2 else start + 0.1 * (goal - start)
+        t, q, v, duration = time_line(start, goal, limits, 0.015, period)
+        along = (q - start) @ (goal - start) / np.sum((goal - start) ** 2)
+        off = max(off, np.abs(q - start - along[:, None] * (goal - start)).max())
+        assert np.all(np.diff(along) >= 0.0)
+        assert np.array_equal(q[[0, -1]], [start, goal]) and not v[[0, -1]].any()
+        sent = as_sent(Trajectory(t, q, v))
+        assert np.array_equal(np.rint(1000.0 * t) / 1000.0, sent.times)
+        worst = np.maximum(worst, sent_ratios(sent.times, sent.positions, sent.velocities, limits))
+        assert jerk_free_line_time(start, goal, limits) < duration <= t[-1] < 1.05 * duration
+    assert off < 1e-9
+    assert np.all(worst <= 1.0)
+
+
+def test_the_measured_ratios_are_those_of_the_cubics():
+    rng = np.random.default_rng(2)
+    t = np.cumsum(rng.uniform(0.005, 0.02, 30))
+    q, v = rng.uniform(-1.0, 1.0, (2, 30, 13))
+    velocity, acceleration, jerk = sent_ratios(t, q, v, LIMITS)
+    _, a, j = hermite_ratios(t, q, v)
+    assert (acceleration, jerk) == (pytest.approx(a), pytest.approx(j))
+    dense = CubicHermiteSpline(t, q, v)(np.linspace(t[0], t[-1], 200_001), nu=1)
+    assert velocity == pytest.approx((np.abs(dense) / LIMITS.velocity).max(), rel=1e-4)
+
+
+def test_limits_that_rounding_alone_breaks_are_refused():
+    low = LIMITS.scaled(1e-4)
+    with pytest.raises(NoSafePlanError, match="rounding"):
+        time_line(np.zeros(13), np.full(13, 1e-3), low, 0.015, 0.002)
+
+
+@pytest.mark.parametrize(
+    ("speed", "period"), [(1.0, 0.008), (0.5, 0.010), (0.2, 0.014), (0.1, 0.017)]
+)
+def test_slower_plans_have_longer_periods_on_whole_milliseconds(speed, period):
+    assert sampling_period(0.008, speed) == period
 
 
 def test_joint_line_of_no_length_takes_no_time():

@@ -6,6 +6,7 @@ import pytest
 
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import FlatteningTarget
+from unwrinkle.planning.failure import off_table
 from unwrinkle.planning.planner import FlatteningPlanner
 from unwrinkle.planning.verification import verify
 
@@ -46,6 +47,8 @@ def test_two_hundred_unchanged_plans_pass(
 def test_pulls_to_the_stretch_limit_pass(
     planner: FlatteningPlanner, cell: Cell, random_targets: Targets
 ) -> None:
-    further = [target.pulled_further(3.0, 0.05) for target in random_targets(6, 13)]
+    further = [target.pulled_further(3.0, 0.05) for target in random_targets(8, 13)]
+    further = [target for target in further if off_table(target, cell) is None]
+    assert len(further) >= 6
     assert all(t.final_grip_distance > 1.09 * t.geodesic_distance for t in further)
     assert_all_pass(planner, cell, further)

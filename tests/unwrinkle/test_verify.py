@@ -5,9 +5,11 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from unwrinkle import cli
+from unwrinkle.benchmarks._plan_tasks import flattening_task
 from unwrinkle.models.robot import load_cell
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.planner import FlatteningPlanner
@@ -17,8 +19,6 @@ pytestmark = pytest.mark.end_to_end
 
 @pytest.fixture(scope="module")
 def plan() -> FlatteningPlan:
-    from unwrinkle.benchmarks._plan_tasks import flattening_task
-
     result = FlatteningPlanner(load_cell()).plan(flattening_task((0.0, -1.10), 0.2))
     assert result.plan is not None
     return result.plan
@@ -76,3 +76,50 @@ def test_plan_of_another_cell(
     captured = capsys.readouterr()
     assert captured.out == ""
     assert "another model of the cell" in captured.err
+
+
+@pytest.fixture(scope="module")
+def elsewhere() -> tuple[FlatteningPlan, str]:
+    """A plan from another posture than home, and the posture as text."""
+    start = np.zeros(13)
+    start[[0, 1, 7]] = [-0.2, 0.3, -0.3]
+    target = flattening_task((0.0, -1.10), 0.2)
+    result = FlatteningPlanner(load_cell()).plan(target, start=start)
+    assert result.plan is not None
+    return result.plan, ",".join(map(str, start))
+
+
+def test_a_plan_made_from_elsewhere_needs_its_start(
+    elsewhere: tuple[FlatteningPlan, str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    plan, start = elsewhere
+    plan.save(tmp_path / "plan.npz")
+    assert verify(monkeypatch, tmp_path / "plan.npz") == 3
+    assert "where the robot stands at" in " ".join(capsys.readouterr().out.split())
+    assert verify(monkeypatch, tmp_path / "plan.npz", "--start", start) == 0
+    assert verify(monkeypatch, tmp_path / "plan.npz", "--start", "ext_plus_90") == 3
+
+
+def test_home_by_name(
+    plan: FlatteningPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan.save(tmp_path / "plan.npz")
+    assert verify(monkeypatch, tmp_path / "plan.npz", "--start", "home") == 0
+
+
+@pytest.mark.parametrize("start", ["nowhere", "0,0,0", "nan" + 12 * ",0", "1e999" + 12 * ",0", ""])
+def test_a_start_that_is_none(
+    plan: FlatteningPlan,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    start: str,
+) -> None:
+    plan.save(tmp_path / "plan.npz")
+    assert verify(monkeypatch, tmp_path / "plan.npz", "--start", start) == 2
+    message = capsys.readouterr().err
+    assert "ext_plus_90" in message and "13 finite angles" in message
+    assert message.count("\n") == 1

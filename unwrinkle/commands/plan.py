@@ -26,9 +26,12 @@ from unwrinkle.commands._capture import (
     print_wrinkles,
     save_analysis,
 )
+from unwrinkle.commands._posture import StartOption, posture
 from unwrinkle.models.errors import NoSafePlanError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
     from rich.console import Console
 
     from unwrinkle.models.robot import Cell
@@ -54,6 +57,7 @@ def plan(
     speed: Annotated[
         float | None, typer.Option(help="Fraction of the catalogue speed [the scenario's].")
     ] = None,
+    start: StartOption = None,
     scenario: ScenarioOption = None,
     out: OutOption = None,
     seed: SeedOption = 0,
@@ -77,7 +81,8 @@ def plan(
     analysis = analysed(options, cell)
     clock.lap("perception")
     folder = out or options.folder
-    chosen = _planned(analysis, cell, arms, clock)
+    standing = None if start is None else posture(start, cell.robot)
+    chosen = _planned(analysis, cell, arms, standing, clock)
     print_wrinkles(console, analysis, None if chosen is None else chosen[0])
     if chosen is None:
         with finished_folder(folder, outdated=_PLAN_FILES) as work:
@@ -101,7 +106,11 @@ def plan(
 
 
 def _planned(
-    analysis: "Analysis", cell: "Cell", arms: str, clock: "_Clock"
+    analysis: "Analysis",
+    cell: "Cell",
+    arms: str,
+    start: "NDArray[np.float64] | None",
+    clock: "_Clock",
 ) -> "tuple[int, PlanResult, Verdict] | None":
     """A verified plan for the largest wrinkle that has one; None if the garment is flat.
 
@@ -111,7 +120,7 @@ def _planned(
     from unwrinkle.garment_mesh import garment_of
     from unwrinkle.perception.target import NoTarget
     from unwrinkle.planning.planner import FlatteningPlanner
-    from unwrinkle.planning.verification import verify
+    from unwrinkle.planning.verified import plan_verified
 
     if analysis.flat:
         return None
@@ -125,17 +134,14 @@ def _planned(
             continue
         garment = garment_of(analysis, index)
         clock.lap("garment mesh")
-        result = planner.plan(target, garment=garment, arms=arms)
-        clock.lap("planning")
-        if result.plan is None:
-            message = result.failure.message if result.failure is not None else "no motion"
-            reasons.append(f"wrinkle {index + 1}: {message}")
-            continue
-        verdict = verify(result.plan, cell)
-        clock.lap("verification")
-        if verdict.passed:
-            return index, result, verdict
-        reasons.append(f"wrinkle {index + 1}: {verdict.violations[0].message}")
+        found = plan_verified(planner, cell, target, start=start, garment=garment, arms=arms)
+        result = found.result
+        clock.add("planning", result.timings.total)
+        clock.lap("verification", less=result.timings.total)
+        if found.verdict is not None:
+            return index, result, found.verdict
+        message = result.failure.message if result.failure is not None else "no motion"
+        reasons.append(f"wrinkle {index + 1}: {message}")
     raise NoSafePlanError("no safe plan: " + "; ".join(reasons))
 
 
@@ -180,11 +186,15 @@ class _Clock:
         self._last = time.perf_counter()
         self._laps: dict[str, float] = {}
 
-    def lap(self, name: str) -> None:
-        """Add the time since the last lap under a name."""
+    def lap(self, name: str, less: float = 0.0) -> None:
+        """Add the time since the last lap under a name, less some seconds that are counted elsewhere."""
         now = time.perf_counter()
-        self._laps[name] = self._laps.get(name, 0.0) + now - self._last
+        self.add(name, now - self._last - less)
         self._last = now
+
+    def add(self, name: str, seconds: float) -> None:
+        """Add some seconds under a name."""
+        self._laps[name] = self._laps.get(name, 0.0) + seconds
 
     def __str__(self) -> str:
         return ", ".join(f"{name} {seconds:.2f} s" for name, seconds in self._laps.items())

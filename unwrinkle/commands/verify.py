@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from unwrinkle.commands._posture import StartOption, posture
 from unwrinkle.models.errors import NoSafePlanError
 
 #: Columns of a table that is not shown in a terminal.
@@ -17,6 +18,7 @@ def verify(
     scenario: Annotated[
         Path | None, typer.Option(help="The cell it is to run in; the shipped one if left out.")
     ] = None,
+    start: StartOption = None,
     json: Annotated[Path | None, typer.Option(help="Write the whole verdict here.")] = None,
 ) -> None:
     """Verify a plan and print every check with its margin; exit code 3 if it is not safe."""
@@ -31,7 +33,8 @@ def verify(
     cell = load_cell(load_scenario(scenario))
     loaded = FlatteningPlan.load(plan)
     loaded.check_made_for(cell)
-    verdict = verify_plan(loaded, cell)
+    standing = None if start is None else posture(start, cell.robot)
+    verdict = verify_plan(loaded, cell, start=standing)
     if json is not None:
         write_json(json, verdict.to_json())
     console = Console()
