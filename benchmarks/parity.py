@@ -187,7 +187,8 @@ def _stopping(plan: FlatteningPlan, cell: Cell, rate: float) -> dict[str, list[f
 
 def _tips_way(cell: Cell, positions: Array) -> float:
     """Length of the longer of both tips' ways through postures (n, 13), m."""
-    _, X_WT = cell_model(cell).frames(positions)
+    openings = np.full((len(positions), 2), cell.scenario.gripper.opening)
+    _, X_WT = cell_model(cell).frames(np.hstack([positions, openings]))
     steps = np.linalg.norm(np.diff(X_WT[:, :, :3, 3], axis=0), axis=2)
     return float(steps.sum(axis=0).max())
 

@@ -168,6 +168,12 @@ class Site:
     def validate(self) -> None:
         """Refuse values that no site can have."""
         c, g = self.controller, self.grippers
+        if c.profile == "clopema13":
+            raise InputError(
+                "site: controller.profile 'clopema13' (one message of 13 joints, CloPeMa's public firmware of 2014) is not "
+                "supported: that firmware answers success although a group was still busy and its point was lost, so that "
+                "the arms may part; install a MotoROS with control groups, and use 'ex' or 'groups'"
+            )
         for what, value, known in (
             ("controller.profile", c.profile, PROFILES),
             ("controller.synchro", c.synchro, SYNCHRO),

@@ -396,6 +396,5 @@ def _ends(message: Message | Unread, replies: list[Message]) -> bool:
     """Whether the message is a DISCONNECT that was not refused."""
     if isinstance(message, Unread) or message.type != MessageType.MOTION_CTRL:
         return False
-    if MotionControl.of(message).command != Command.DISCONNECT:
-        return False
-    return not replies or MotionReply.of(replies[0]).result == Result.SUCCESS
+    asked = MotionControl.of(message).command == Command.DISCONNECT
+    return asked and (not replies or MotionReply.of(replies[0]).result == Result.SUCCESS)

@@ -101,14 +101,15 @@ class ControllerClient:
             replies = self.read("motion")
         assert [MotionReply.of(reply).result for reply in replies] == [0]
 
-    def move(self, sequence: int, *, step: float = 0.0) -> list[tuple[int, int]]:
-        """Send one point of all groups on a slow ramp; the results."""
+    def move(self, sequence: int, *, step: float | None = None) -> list[tuple[int, int]]:
+        """Send one point of all groups on a slow ramp, a step (a period) after what was before; the results."""
         t = 0.02 * sequence
         out = []
+        self.poll(self.controller.settings.period if step is None else step)
         for group, axes in enumerate(GROUP_AXES):
             q, v = (0.1 * t * t,) * len(axes), (0.2 * t,) * len(axes)
-            body = TrajectoryPoint(group, sequence, t, q, v)
-            (reply,) = self.ask(body.to_message(), step=step if group == 0 else 0.0)
+            body = TrajectoryPoint(group, sequence, t + 4e-4, q, v)
+            (reply,) = self.ask(body.to_message())
             told = MotionReply.of(reply)
             out.append((told.result, told.subcode))
         return out
