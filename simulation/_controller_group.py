@@ -85,6 +85,7 @@ class ControlGroup:
         self._at = _Point(0, start.copy(), np.zeros_like(start))  # of the last increment made
         self._leftover = 0  # of a period that the last increment has begun, ms
         self._made = start.copy()  # positions up to which increments were made
+        self._jammed = False  # its queue is read no more
         self._braking = True  # the queue was emptied, or has run out
 
     @property
@@ -128,7 +129,12 @@ class ControlGroup:
         """Empty the queue; the axes brake if they move."""
         self._queue.clear()
         self._pending = self._from = None
+        self._jammed = False
         self._braking = True
+
+    def rebase(self) -> None:
+        """Reckon the next increment from where the axes are commanded to stand."""
+        self._made = self.positions.copy()
 
     def forget(self) -> None:
         """Drop the point that is not in the queue yet; the queue stays."""
@@ -149,7 +155,7 @@ class ControlGroup:
 
     def advance(self, playing: bool) -> None:
         """Move on by one interpolation period; `playing`: increments are run."""
-        if not playing or not self._queue:
+        if not playing or self._jammed or not self._queue:
             self._brake()
             return
         taken = self._queue.popleft()
@@ -162,6 +168,10 @@ class ControlGroup:
         if self.axes.moved:
             self.positions = self.positions + way
             self.velocities = taken.velocities.copy()
+        elif (
+            way.any()
+        ):  # its pulses are missed, and no more are read until they are made up for: never
+            self._jammed = True
 
     def _read(self, point: GroupPoint) -> _Point:
         assert point.time is not None and point.positions is not None

@@ -92,9 +92,10 @@ class Pendant:
         self.alarm, self._lasting = 0, False
 
     def press_hold(self) -> None:
-        """The axes brake, whatever was queued is gone (but in 2013); servos and trajectory mode stay on."""
+        """The controller's job ends, the axes brake, whatever was queued is gone; not so in 2013. The servos stay on."""
         self.hold = True
         if not self._keeps_queue:
+            self.trajectory_mode = False
             self.stop()
 
     def release_hold(self) -> None:

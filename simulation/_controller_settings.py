@@ -26,8 +26,8 @@ class VirtualControllerSettings:
         pulses_per_radian: of the turn-table and of S, L, U, R, B, T of both arms, (7,).
         speed_cap: share of the axes' speed above which a point is refused, its speed cut to whole rad/s (parameters
             RCnG147).
-        moved: groups whose increments are sent to the servos, of "r1", "r2", "ext_axis"; the others' are taken and
-            dropped.
+        moved: groups whose increments are sent to the servos, of "r1", "r2", "ext_axis"; another one's queue is read no
+            more once it was to move.
         braking: of servos whose commands have ended, rad/s^2. ASSUMED, for every axis.
         servo_time: until the servos are on. ASSUMED.
         job_time: until the job waits for points. ASSUMED.

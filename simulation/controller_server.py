@@ -212,7 +212,8 @@ class ControllerServer:
             if full and newer and not any(self.controller.queued):
                 connections[0].link.close(f"replaced by another {name} connection")
                 self._forget_closed(name)
-            if len(connections) >= _MOST_CONNECTIONS[name]:
+            ending = name == MOTION and self.controller.parting and any(self.controller.queued)
+            if ending or len(connections) >= _MOST_CONNECTIONS[name]:
                 link.close(f"more than {_MOST_CONNECTIONS[name]} {name} connections")
                 self._tell(f"{link.name} refused: {link.closed}")
                 continue

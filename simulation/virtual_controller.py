@@ -208,6 +208,11 @@ class VirtualController(Pendant):
         return self._parted is None or self.time < self._parted + self.settings.leaving - 1e-9
 
     @property
+    def parting(self) -> bool:
+        """Whether the motion connection has just ended, and its tasks have not yet."""
+        return self._parted is not None and self.playing
+
+    @property
     def status(self) -> RobotStatusBody:
         """What ROBOT_STATUS tells where the axes are measured to be where they are told to be."""
         return self._status(self.axis_positions)
@@ -426,6 +431,8 @@ class VirtualController(Pendant):
             return self._said(_reply(*answer, Result.NOT_READY, self.not_ready))
         if self._starting is None:
             self.stop()
+            for group in self._groups:
+                group.rebase()
             servos = 0.0 if self.servo else self.settings.servo_time
             self._starting = asked, self.time + servos + self.settings.job_time
         return []

@@ -50,7 +50,13 @@ def driver(server: ControllerServer, limits: Limits, tmp_path: Path) -> Controll
     motion, state, io = server.ports
     # Generous: other tests may share the machine's cores.
     site = ControllerSite(
-        motion_port=motion, state_port=state, io_port=io, lead=0.4, late=0.3, pause=0.1
+        speed_cap=1.0,
+        motion_port=motion,
+        state_port=state,
+        io_port=io,
+        lead=0.4,
+        late=0.3,
+        pause=0.1,
     )
     return ControllerDriver(site, limits, command="test", lock_directory=tmp_path)
 

@@ -69,6 +69,9 @@ def test_connections_are_closed_once(controller_client: Maker, kind: str, closed
         client.move(sequence)
     client.poll(0.004)
     assert {name for name, links in client.server.links.items() if not links} == closed
+    client.poll(
+        0.06
+    )  # until its tasks have ended, a motion connection with waiting increments is refused
     for name in closed:
         client.connect(name)
     client.poll(0.004)
