@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 #: States of the controller's driver.
-#: offline: not connected. connecting: connected, the first whole feedback is awaited. ready: at rest, a trajectory may be
-#: run. starting: trajectory mode is being entered. running. holding: braking along the path. held: at rest on the path, it can
+#: offline: not connected. connecting: to the state server; whole feedback, and a status without motion in the queues, are
+#: awaited before the motion connection is made. ready: at rest, a trajectory may be run. starting: trajectory mode is being entered. running. holding: braking along the path. held: at rest on the path, it can
 #: be resumed. stopping: leaving trajectory mode. fault: latched; nothing moves before a reset and a new trajectory.
 OFFLINE, CONNECTING, READY, STARTING = "offline", "connecting", "ready", "starting"
 RUNNING, HOLDING, HELD, STOPPING, FAULT = "running", "holding", "held", "stopping", "fault"

@@ -66,6 +66,8 @@ class VirtualEquipment:
         self.server = ControllerServer(
             self.controller, place.host, wanted if ports is None else ports, faults
         )
+        if settings.firmware == "2013":  # it has no such port
+            self.server.stop_listening("io")
         self.measured = self.controller.positions
         self._lag, self._cloth = lag, (cloth, cloth)
         self._grippers = VirtualDigitalGrippers(site.grippers)

@@ -3,6 +3,7 @@
 import dataclasses as dc
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -157,6 +158,8 @@ def test_a_plan_is_run_to_its_end(bench_with: Callable[..., Bench]) -> None:
     code, out, err = bench.go("--speed", "0.5")
     assert (err, code) == ("", 0)
     assert bench.hash in out and "smallest clearance" in out
+    lag = re.search(r"lag +(\d+) ms from a command to its feedback", out)
+    assert lag is not None and 140 <= int(lag[1]) <= 190  # 150 ms, and what this machine adds
     told = bench.robot.end()
     plan = FlatteningPlan.load(bench.plan)
     np.testing.assert_allclose(
