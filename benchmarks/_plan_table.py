@@ -71,7 +71,7 @@ def _success(results: dict[str, Any]) -> str:
     ]
     return (
         "\n".join(lines)
-        + f"\n\nLeft out: {results['off_table']} targets whose grasp point lies beside the table. Over all targets "
+        + f"\n\nLeft out: {results['off_table']} targets whose grasp point lies beside the table. Of the others "
         f"{results['dual_arm_success']:.3f} have a dual-arm plan, with the turn-table fixed "
         f"{fixed['dual_arm_success']:.3f} (and {fixed['single_arm_rescues']} a single-arm one). Targets of which the verification "
         "refused a plan before one passed: "

@@ -30,7 +30,7 @@ _BARE = b"\x93NUM"
 #: Of all members that are read together, bytes.
 MOST_BYTES = 1 << 30
 #: Of the JSON header alone, bytes; NumPy stores four for a character.
-MOST_HEADER = 64 << 20
+MOST_HEADER = 16 << 20
 
 #: What zipfile, zlib, lzma and NumPy raise over damaged archives; RuntimeError also for encrypted members and unknown
 #: compressions, SyntaxError and TokenError over an array header that is no Python literal.

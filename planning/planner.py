@@ -181,6 +181,11 @@ class FlatteningPlanner:
             )
         return None
 
+    @property
+    def most_refusals(self) -> int:
+        """Plans of one kind that may be refused before it is given up."""
+        return self._settings.refusals
+
     def home_from(self, start: Array) -> Array:
         """Where a plan from a start (13,) ends, (13,) rad: home, but for a turn-table that is fixed."""
         home = self._home.copy()
@@ -253,7 +258,7 @@ class _Attempt:
         self.result: PlanResult | None = None
 
     def accept(self, motion: Motion) -> bool:
-        """Whether the search is over: the motion will do, or no motion can be timed."""
+        """Whether the search is over: the motion will do, no motion can be timed, or too many plans were refused."""
         clock = time.perf_counter()
         ways = self._planner.ways(self._start, motion)
         self.times.transit += time.perf_counter() - clock
@@ -274,7 +279,7 @@ class _Attempt:
             if refusal:
                 _log.info("plan refused: %s", refusal)
                 self._refusals.append(refusal)
-                return False
+                return len(self._refusals) >= self._planner.most_refusals
         self.result = made
         return True
 
@@ -285,7 +290,7 @@ class _Attempt:
         if self._refusals:
             return PlanFailure(
                 "verification",
-                f"no {kind}-arm motion: none of {len(self._refusals)} plans passes the verification; the "
+                f"no {kind}-arm motion: {len(self._refusals)} plans did not pass the verification; the "
                 f"first: {self._refusals[0]}",
             )
         return None

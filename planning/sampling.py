@@ -32,14 +32,16 @@ class Timed(Protocol):
 def sampling_period(at_full_speed: float, speed: float) -> float:
     """Period of a plan's samples, a whole number of milliseconds, s.
 
-    Rounding a position by e shows as a jerk of about 12 e / period^3. With a period that grows as speed^(-1/3) it uses the same
-    share of the jerk limit, which is proportional to the speed, whatever the speed.
+    Rounding a position by e shows as a jerk of about 12 e / period^3, and the jerk limit is proportional to the speed: a period
+    that grows as speed^(-1/3) costs the same share of it at every speed. It grows in whole multiples, so that every point falls
+    on a tick of the controller's clock where it does at full speed.
 
     Args:
         at_full_speed: period at catalogue speed, s.
         speed: fraction of the catalogue velocity, acceleration and jerk.
     """
-    return max(1.0, np.rint(MILLISECONDS * at_full_speed * speed ** (-1.0 / 3.0))) / MILLISECONDS
+    multiple = np.ceil(speed ** (-1.0 / 3.0) - 1e-9)
+    return float(max(1.0, np.rint(MILLISECONDS * at_full_speed)) * multiple / MILLISECONDS)
 
 
 def sample_within(motion: Timed, period: float, limits: Limits) -> Samples:

@@ -92,6 +92,7 @@ class PlannerSettings:
         margin: fraction of velocity, acceleration and jerk limits that the timing leaves unused, for the controller's
             cubic interpolation between samples.
         seed: of the sampling transit planner.
+        refusals: so many plans of one kind (two arms, one arm) may be refused by whoever is asked, before it is given up.
         longest: s, of one piece of a motion; a plan that takes longer is refused.
     """
 
@@ -102,6 +103,7 @@ class PlannerSettings:
     sample_time: float = 0.008
     margin: float = 0.015
     seed: int = 0
+    refusals: int = 8
     longest: float = 600.0
     weights: "CostWeights" = field(default_factory=lambda: CostWeights())
 

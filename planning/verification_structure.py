@@ -20,6 +20,8 @@ POSES = (
     ("pull", "put-on-table"),
     ("free-garment", "leave-table"),
 )
+#: Segments, poses of a segment, and gripper events; a plan has three of each at most.
+MOST_PARTS = 12
 #: Of any number of a plan outside its samples (s, rad, shares): beyond it its clock would round to microseconds and more.
 GREATEST = 1e6
 #: Samples of a whole plan; more take too long to be verified.
@@ -70,13 +72,22 @@ def check_speed(plan: FlatteningPlan, cell: Cell, found: Findings) -> None:
 
 def check_numbers(plan: FlatteningPlan, found: Findings) -> None:
     """Check that every number outside the samples is finite, and that there are not too many samples. Adds the check `numbers`."""
+    counts = [len(plan.segments), len(plan.events), *(len(s.poses) for s in plan.segments)]
+    if max(counts) > MOST_PARTS:
+        found.fail(
+            "numbers",
+            f"the plan has {counts[0]} segments with up to {max(counts[2:], default=0)} poses, and {counts[1]} events; "
+            f"at most {MOST_PARTS} of each are read",
+        )
+        return
     numbers: list[tuple[str, float]] = [("speed", plan.speed), ("turntable", plan.turntable)]
     for name, arm in zip(("right", "left"), plan.arms, strict=True):
         if arm is not None:
             numbers += [
-                (f"{name} arm's {key}", getattr(arm, key))
-                for key in ("side", "offset", "tilt", "share")
+                (f"{name} arm's {key}", getattr(arm, key)) for key in ("offset", "tilt", "share")
             ]
+            if isinstance(arm.side, bool) or not isinstance(arm.side, int | np.integer):
+                found.fail("numbers", f"the {name} arm's side is {arm.side!r}, expected 0 or 1")
     for event in plan.events:
         numbers += [(f"gripper event's {key}", getattr(event, key)) for key in ("time", "dwell")]
     for segment in plan.segments:
@@ -317,4 +328,4 @@ def check_grippers(plan: FlatteningPlan, cell: Cell, found: Findings) -> None:
 
 
 def _words(closed: tuple[bool, bool]) -> str:
-    return " and ".join("closed" if state else "open" for state in closed)
+    return " and ".join({True: "closed", False: "open"}.get(state, "neither") for state in closed)

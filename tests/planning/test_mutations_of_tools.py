@@ -34,9 +34,9 @@ UP = np.array([0.0, 0.0, 1.0])
 @pytest.fixture(autouse=True)
 def within_time_and_memory() -> Iterator[None]:
     """No mutation takes 10 s or a gigabyte."""
-    clock, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    clock, before = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     yield
-    assert time.perf_counter() - clock < 10.0
+    assert time.process_time() - clock < 10.0
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1_000_000  # kB
 
 
@@ -441,7 +441,19 @@ def test_what_float32_cannot_carry(plan: FlatteningPlan, cell: Cell) -> None:
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, "0.5", None])
 @pytest.mark.parametrize(
     "place",
-    ["speed", "turntable", "offset", "tilt", "share", "time", "dwell", "start", "contact", "mark"],
+    [
+        "speed",
+        "turntable",
+        "side",
+        "offset",
+        "tilt",
+        "share",
+        "time",
+        "dwell",
+        "start",
+        "contact",
+        "mark",
+    ],
 )
 def test_no_number(plan: FlatteningPlan, cell: Cell, place: str, value: object) -> None:
     first, *others = plan.segments
@@ -467,6 +479,25 @@ def test_no_number(plan: FlatteningPlan, cell: Cell, place: str, value: object) 
         lambda: dc.replace(plan, arms=(dc.replace(plan.arms[0], **{place: value}), plan.arms[1])),
     )()
     assert "numbers" in kinds(spoilt, cell)
+
+
+@pytest.mark.parametrize("side", [0.0, True, 2, -1])
+def test_no_hand(plan: FlatteningPlan, cell: Cell, side: object) -> None:
+    arms = (dc.replace(plan.arms[0], side=side), plan.arms[1])
+    assert kinds(dc.replace(plan, arms=arms), cell) & {"numbers", "structure"}
+
+
+def test_parts_without_end(plan: FlatteningPlan, cell: Cell) -> None:
+    first, *others = plan.segments
+    crowded = dc.replace(first, poses=100_000 * first.poses)
+    for spoilt in (
+        dc.replace(plan, segments=(crowded, *others)),
+        dc.replace(plan, segments=100 * plan.segments),
+        dc.replace(plan, events=10_000 * plan.events),
+    ):
+        verdict = verify(spoilt, cell)
+        assert [violation.kind for violation in verdict.violations] == ["numbers"]
+        assert len(verdict.violations[0].message) < 200
 
 
 @pytest.mark.parametrize("start", [1e7, 1e300, -1e300])

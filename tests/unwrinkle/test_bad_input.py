@@ -182,6 +182,20 @@ def test_the_shipped_towel_gives_a_plan_a_verdict_and_a_page(run, towel_plan):
     assert code == 0, message
 
 
+def test_a_plan_from_elsewhere_is_made_and_verified_there(run):
+    start = "0.2,0.3,0,0,0,0,0,-0.3,0,0,0,0,0"
+    code, message = run("plan", TOWEL, "--no-pictures", "--start", start, "--out", "out")
+    assert code == 0, message
+    assert json.loads(Path("out/verdict.json").read_text())["passed"] is True
+    assert run("verify", "out/plan.npz", "--start", start)[0] == 0
+    assert run("verify", "out/plan.npz")[0] == 3
+
+
+def test_a_start_that_is_none_is_refused_before_anything_is_done(run):
+    for start in ("nowhere", "0,0", "inf" + 12 * ",0"):
+        assert "13 finite angles" in refused(run, 2, "plan", TOWEL, "--start", start)
+
+
 @pytest.mark.parametrize("command", ["verify", "preview"])
 def test_plan_files_that_cannot_be_trusted(run, towel_plan, command):
     options = ["--html", "page.html"] if command == "preview" else []
@@ -191,6 +205,9 @@ def test_plan_files_that_cannot_be_trusted(run, towel_plan, command):
     Path("flipped.npz").write_bytes(bytes(data))
     assert "flipped.npz" in refused(run, 2, command, "flipped.npz", *options)
     header, arrays = load_archive(towel_plan)
+    damaged = {**header, "events": [{**header["events"][0], "dwell": None}, header["events"][1]]}
+    save_archive("dwell.npz", damaged, arrays)
+    assert "events[0].dwell" in refused(run, 2, command, "dwell.npz", *options)
     save_archive("edited.npz", {**header, "speed": 0.5}, arrays)
     assert "hash" in refused(run, 2, command, "edited.npz", *options)
     save_archive("new.npz", {**header, "version": 99}, arrays)

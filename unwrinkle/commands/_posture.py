@@ -18,7 +18,7 @@ StartOption = Annotated[
     typer.Option(
         metavar="POSTURE",
         help="Where the robot stands: a named state of the robot (ext_plus_90, say), or the angles of all axes in rad, "
-        "turn-table, right, left arm, with commas or blanks between them [home].",
+        "turn-table, right, left arm, with commas or blanks between them; home if left out.",
     ),
 ]
 

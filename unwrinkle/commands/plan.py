@@ -77,11 +77,11 @@ def plan(
     cell = load_cell(load_scenario(scenario))
     if speed is not None:
         cell = cell.with_speed(speed)
+    standing = None if start is None else posture(start, cell.robot)
     clock.lap("start")
     analysis = analysed(options, cell)
     clock.lap("perception")
     folder = out or options.folder
-    standing = None if start is None else posture(start, cell.robot)
     chosen = _planned(analysis, cell, arms, standing, clock)
     print_wrinkles(console, analysis, None if chosen is None else chosen[0])
     if chosen is None:
