@@ -145,7 +145,8 @@ def kills(case: Case, count: int) -> None:
             site = _site(live)
             moment = float(rng.uniform(0.4, cells.plan().motion_time - 0.3))
             _run_and_kill(case, live, site, moment)
-            time.sleep(0.4)
+            time.sleep(0.2)
+            case.need(live.until(live.at_rest, 5.0), "the axes brake and rest")
             stood = live.controller.positions
             queued = max(live.controller.queued) > 0
             left += queued
