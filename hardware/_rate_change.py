@@ -10,7 +10,9 @@ from unwrinkle.planning.sent import as_float32
 
 Array = NDArray[np.float64]
 
-_POWERS = np.linspace(0.0, 1.0, 129)[:, None] ** np.arange(6)
+_POWERS = np.linspace(0.0, 1.0, 129)[:, None] ** np.arange(7)
+#: x^3 (1 - x)^3, which with its first two derivatives is 0 at both ends, and its integral from 0 to 1.
+_BUMP, _BUMP_AREA = np.array([0.0, 0.0, 0.0, 1.0, -3.0, 3.0, -1.0]), 1.0 / 140.0
 #: Places (of the duration) at which durations are sieved, and how much of a limit passes.
 _SIEVE = np.linspace(0.0, 1.0, 21)[:, None] ** np.arange(6)
 _SIEVE_ROOM = 1.03
@@ -64,6 +66,9 @@ class RateChange:
     ) -> "RateChange | None":
         """Points up to the end of the change, or up to the path's end if that comes first.
 
+        A change to the full rate ends at one of the path's own knots, so that from there on the points are the
+        trajectory's own samples again.
+
         Args:
             path: along which.
             start: where the clock is, at a whole ms.
@@ -72,19 +77,28 @@ class RateChange:
             widest: greatest distance of points, s.
 
         Returns:
-            None if the rate would leave 0 to 1.
+            None if the rate would leave 0 to 1, or no knot can be met.
         """
-        c = _quintic(start, target, duration)
+        c = np.append(_quintic(start, target, duration), 0.0)
+        end = start.s + float(_travel(c, duration, np.ones(1))[0])
+        knot = None
+        if target == 1.0 and end < path.end:
+            knot = path.knot_before(end)
+            if not knot > start.s:
+                return None
+            c += (knot - end) / (duration * _BUMP_AREA) * _BUMP
         rate = _POWERS @ c
         if rate.min() < -_ROUNDING or rate.max() > 1.0 + _ROUNDING:
             return None
         tau, s = _points(path.end, start.s, duration, c, widest)
+        if knot is not None:
+            s[-1] = knot
         ends = s >= path.end
         moving = tau < duration * (1.0 - _ROUNDING)
         x = np.where(moving, np.minimum(tau / duration, 1.0), 1.0)
         rates = np.where(moving, np.clip(_value(c, x), 0.0, 1.0), target)
-        d = c[1:] * np.arange(1, 6)
-        e = d[1:] * np.arange(1, 5)
+        d = c[1:] * np.arange(1, len(c))
+        e = d[1:] * np.arange(1, len(d))
         slopes = np.where(moving, _value(d, x) / duration, 0.0)
         bends = np.where(moving, _value(e, x) / duration**2, 0.0)
         positions, velocities = path.at(s)
@@ -148,7 +162,7 @@ def _value(c: Array, x: Array) -> Array:
 
 def _travel(c: Array, duration: float, x: Array) -> Array:
     """Way in s from the start of the change to x."""
-    integral: Array = x * _value(c / np.arange(1, 7), x) * duration
+    integral: Array = x * _value(c / np.arange(1, len(c) + 1), x) * duration
     return integral
 
 

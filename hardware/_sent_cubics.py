@@ -128,6 +128,11 @@ class CubicPath:
         """The trajectory's own sample: positions and slopes, (13,)."""
         return self._positions[index], self._slopes[index]
 
+    def knot_before(self, s: float) -> float:
+        """s of the last knot that is not beyond s."""
+        index = int(np.searchsorted(self.knots, s + _SAME, side="right")) - 1
+        return float(self.knots[max(index, 0)])
+
     def has_knot(self, s: float) -> bool:
         """Whether the trajectory has a sample of its own at s."""
         return bool(np.abs(self.knots - s).min() < _SAME)

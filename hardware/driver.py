@@ -138,7 +138,10 @@ class ControllerDriver(DriverMotion):
         self._publish()
 
     def set_override(self, value: float) -> None:
-        """Run at a share of the planned speed, 0 to 1, from now on; anything else is refused and changes nothing."""
+        """Run at a share of the planned speed, 0 to 1, from now on; anything else is refused and changes nothing.
+
+        Shares just below 1 are run at `path_clock.NEARLY`.
+        """
         if not 0.0 <= value <= 1.0:
             if self._state != FAULT:
                 self._reason = f"speed override {value} refused: give 0 to 1"

@@ -2,9 +2,11 @@
 
 The trajectory is q(s) at its knots s_k, cubic in between; what is sent are points q(s) at times t with velocities
 q'(s) r, r = ds/dt. The controller takes whole milliseconds and float32 numbers, so that is what a point has here: its
-time is a whole millisecond, and its values are the path's at that very time, rounded once. At r = 1 from the begin the
-points are the trajectory's own samples. A change of rate follows a quintic r(t) that ends with r' = r'' = 0; its time is
-the shortest at which velocity, acceleration and jerk of the very cubics that the controller will run keep their limits.
+time is a whole millisecond, and its values are the path's at that very time, rounded once. At r = 1 the points are the
+trajectory's own samples, also after a change of rate, which ends at one of them. A change of rate follows a polynomial
+r(t) that ends with r' = r'' = 0; its time is the shortest at which velocity, acceleration and jerk of the very cubics that
+the controller will run keep their limits. Rates just below 1 are run at `NEARLY`: their points lie beside the trajectory's
+samples, where cubics and rounding take some percent of the limits.
 """
 
 from dataclasses import dataclass
@@ -32,6 +34,8 @@ _AT_REST = 1e-6  # velocity at a trajectory's ends, rad/s
 _ROUNDING = 1e-9  # s
 #: Times of a change of rate that are tried, s.
 _TIMES = np.unique(np.round(np.geomspace(0.06, 6.0, 45), 3))
+#: Rates between this and 1 are run at this.
+NEARLY = 0.97
 #: A braking under way is replaced by one that ends sooner by at least this share, while more than so long is left, s.
 _SOONER, _WORTH = 0.88, 0.12
 #: That is tried at every so many points: a search takes some milliseconds, and the points have to be sent on time.
@@ -77,8 +81,9 @@ class PathClock:
         Args:
             trajectory: from rest to rest.
             limits: that changes of rate keep; what the trajectory itself uses at rate 1 is allowed, too.
-            step: nominal distance of points, s. Points that are not the trajectory's own samples are two of it apart
-                or more: rounded to float32, closer ones would shake the jerk by some percent of its limit.
+            step: nominal distance of points, s. Points that are not the trajectory's own samples are two of it, or as
+                far as those, apart, or more: rounded to float32, closer ones would shake the jerk by some percent of its
+                limit.
             rate: wanted at the start, 0 to 1.
             longest: greatest distance of points at a constant rate, s.
 
@@ -94,6 +99,7 @@ class PathClock:
         own = extremes(trajectory.times, trajectory.positions, trajectory.velocities)
         self._limits = limits.widened(own)
         self._step = step
+        self._wide = min(max(2.0 * step, float(np.median(np.diff(trajectory.times)))), longest)
         self._longest = longest
         self._target = _checked(rate)
         self._pending: float | None = None
@@ -211,17 +217,18 @@ class PathClock:
         """At a constant rate: the trajectory's own samples at the full rate, else points in even steps."""
         rate, state = self._target, self._state
         knot, at_knot = self._path.knot_after(state.s + _ROUNDING)
-        steps = 2.0 * self._step
+        left = (self._path.end - state.s) / rate
         if rate == 1.0 and self._path.has_knot(state.s):
             gap = at_knot - state.s
             steps = gap / max(1, int(np.ceil(gap / self._longest - _ROUNDING)))
-        elif rate < 1.0:
-            steps = min(max(steps, self._step / rate), self._longest)
+        else:
+            steps = min(max(self._wide, self._step / rate), self._longest)
+            if left < 2.0 * steps:  # two even ones, then the last
+                steps = left if left <= steps else 0.5 * left
         when = whole_ms(state.time + max(steps, 1e-3))
         s = self._anchor[1] + (when - self._anchor[0]) * rate
         if s > self._path.end - 0.5e-3 * rate:  # less than half a millisecond would be left
-            left = (self._path.end - self._anchor[1]) / rate
-            when = max(ceil_ms(self._anchor[0] + left), whole_ms(state.time + 1e-3))
+            when = max(ceil_ms(state.time + left), whole_ms(state.time + 1e-3))
             knot, s = len(self._path.knots) - 1, self._path.end
         elif abs(s - at_knot) < _ROUNDING:
             s = at_knot
@@ -264,9 +271,7 @@ class PathClock:
 
     def _shortest(self, target: float, times: Array) -> RateChange | None:
         for duration in plausible(self._path, self._state, target, times, self._limits):
-            change = RateChange.make(
-                self._path, self._state, target, float(duration), 2.0 * self._step
-            )
+            change = RateChange.make(self._path, self._state, target, float(duration), self._wide)
             if change is not None and self._keeps(change):
                 return change
         return None
@@ -282,4 +287,4 @@ class PathClock:
 def _checked(rate: float) -> float:
     if not 0.0 <= rate <= 1.0:
         raise InputError(f"rate along the path is {rate}; give 0 to 1")
-    return float(rate)
+    return NEARLY if NEARLY < rate < 1.0 else float(rate)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from unwrinkle.hardware._sent_cubics import CubicPath, StreamLimits, extremes
-from unwrinkle.hardware.path_clock import PathClock, Sample
+from unwrinkle.hardware.path_clock import NEARLY, PathClock, Sample
 from unwrinkle.models.errors import InputError
 from unwrinkle.planning.trajectory import AXES, Trajectory
 
@@ -257,3 +257,59 @@ def test_a_hold_anywhere_in_a_real_plan_is_short(
             assert greatest_use(points, trajectory, stream_limits) <= 1.0 + 2e-6
             assert distance_from_path(points, trajectory) < 1e-5
     assert max(took) < longest and np.median(took) < 0.6 * longest
+
+
+def test_after_a_change_the_full_rate_is_the_trajectorys_own_samples_again(
+    make_trajectory: TrajectoryMaker, stream_limits: StreamLimits
+) -> None:
+    trajectory = make_trajectory(5)
+    own = {row.tobytes() for row in trajectory.positions}
+    for low in (0.0, 0.3, 0.8):
+        clock = PathClock(trajectory, stream_limits)
+        points = clock.next_until(0.3 * trajectory.duration)
+        clock.set_rate(low)
+        points += clock.next_until(points[-1].time + 0.2)
+        clock.set_rate(1.0)
+        after = clock.next_until(np.inf)
+        full = [point for point in after if point.rate == 1.0]
+        assert len(full) > 20 and full[-1].s == trajectory.duration
+        assert {point.positions.tobytes() for point in full} <= own
+
+
+def test_rates_just_below_one_are_run_a_little_slower(
+    make_trajectory: TrajectoryMaker, stream_limits: StreamLimits
+) -> None:
+    for wanted, run in ((0.999, NEARLY), (NEARLY, NEARLY), (0.9, 0.9), (1.0, 1.0)):
+        clock = PathClock(make_trajectory(5), stream_limits, rate=wanted)
+        assert clock.target == run
+        points = clock.next_until(np.inf)
+        assert greatest_use(points, clock.trajectory, stream_limits) <= 1.0 + 2e-6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("speed", [1.0, 0.2, 0.1])
+def test_limits_of_a_real_plan_are_kept_through_holds_and_resumes(speed: float) -> None:
+    from unwrinkle.benchmarks._plan_tasks import flattening_task
+    from unwrinkle.models.robot import load_cell
+    from unwrinkle.models.scenario import load_scenario
+    from unwrinkle.planning.planner import FlatteningPlanner
+    from unwrinkle.planning.sent import as_sent
+
+    scenario = load_scenario()
+    scenario.speed = speed
+    cell = load_cell(scenario)
+    plan = FlatteningPlanner(cell).plan(flattening_task((0.0, -1.10), 0.2)).plan
+    assert plan is not None
+    limits, rng = StreamLimits.of(cell.limits), np.random.default_rng(1)
+    for segment in plan.segments:
+        trajectory = as_sent(segment.trajectory)
+        for low in (0.0, 0.0, 0.5, 0.8, 0.99):
+            clock = PathClock(trajectory, limits)
+            points = clock.next_until(rng.uniform(0.1, 0.9) * trajectory.duration)
+            clock.set_rate(low)
+            points += clock.next_until(points[-1].time + rng.uniform(0.1, 0.8))
+            clock.set_rate(1.0)
+            points += clock.next_until(np.inf)
+            used = extremes(*arrays(points))
+            bounds = (limits.velocity, limits.acceleration, limits.jerk)
+            assert max((a / b).max() for a, b in zip(used, bounds, strict=True)) <= 1.0 + 1e-6
