@@ -97,8 +97,8 @@ class RateChange:
         moving = tau < duration * (1.0 - _ROUNDING)
         x = np.where(moving, np.minimum(tau / duration, 1.0), 1.0)
         rates = np.where(moving, np.clip(_value(c, x), 0.0, 1.0), target)
-        d = c[1:] * np.arange(1, len(c))
-        e = d[1:] * np.arange(1, len(d))
+        d = c[1:] * np.arange(1.0, len(c))
+        e = d[1:] * np.arange(1.0, len(d))
         slopes = np.where(moving, _value(d, x) / duration, 0.0)
         bends = np.where(moving, _value(e, x) / duration**2, 0.0)
         positions, velocities = path.at(s)
@@ -162,7 +162,7 @@ def _value(c: Array, x: Array) -> Array:
 
 def _travel(c: Array, duration: float, x: Array) -> Array:
     """Way in s from the start of the change to x."""
-    integral: Array = x * _value(c / np.arange(1, len(c) + 1), x) * duration
+    integral: Array = x * _value(c / np.arange(1.0, len(c) + 1.0), x) * duration
     return integral
 
 
