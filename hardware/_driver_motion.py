@@ -74,6 +74,11 @@ class DriverMotion(DriverCore):
             waiting = not channel.quiet
             self._parting = StopAndPart(self.links["motion"], now, waiting=waiting)
             self._event("stop", "all groups stopped at once, then the motion connection is closed")
+            if moving:
+                text = (
+                    f"{text}; a stop of all groups is sent before the connection is closed, whether it is carried out is "
+                    "not known: `unwrinkle site check` tells whether motion is left in the queues"
+                )
         else:
             self.links["motion"].close(text)
             if moving and self._state == FAULT:
@@ -146,6 +151,8 @@ class DriverMotion(DriverCore):
             elif state == HOLDING:
                 self._holding(now, stream)
         channel = self._channel
+        if channel is not None:
+            channel.send_next(now)
         if (
             self._in_mode
             and channel is not None
@@ -222,8 +229,16 @@ class DriverMotion(DriverCore):
         if stream.at_rest(now) and self._off(now, stream) is None:
             self._state = READY if stream.clock.done else HELD
             self._completed = max(self._completed, self._hold_number)
+            if stream.clock.done:  # it had come to its end all the same
+                self._completed = max(self._completed, self._number)
+                self._reason = ""
             self._rest_since = now
             self._event("held", f"at rest {stream.progress(now):.3f} s along the trajectory")
+
+    def pause(self, reason: str) -> None:
+        """Brake along the path, if a trajectory runs, until somebody resumes; for whoever watches over the driver's owner."""
+        if self._state == RUNNING:
+            self._hold(reason)
 
     def _off(self, now: float, stream: PointStream) -> Array | None:
         """How far the robot is off the point of rest, (13,) rad; None once it is there and stands."""

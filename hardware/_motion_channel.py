@@ -102,7 +102,7 @@ class MotionChannel:
         self.control(Command.STOP_MOTION, now)
 
     def poll(self, now: float) -> list[tuple[Asked, MotionReply]]:
-        """What has been answered; then send what waits.
+        """What has been answered; what waits is sent by `send_next`.
 
         Raises:
             HardwareError: the connection has ended, an answer is overdue, or is none to what was asked.
@@ -125,9 +125,12 @@ class MotionChannel:
                 f"the controller has not answered {_words(first)} for {now - first.sent:.2f} s, at most "
                 f"{first.deadline - first.sent:.2f} s; is its connection alive?"
             )
-        self._send(now)
         self._link.flush()
         return answers
+
+    def send_next(self, now: float) -> None:
+        """Send what waits if its turn has come: after whoever asks has judged that it is not late."""
+        self._send(now)
 
     def _queue(self, message: Message, asked: Asked, now: float, timeout: float | None) -> None:
         wait = self._timeout if timeout is None else timeout

@@ -37,6 +37,8 @@ from unwrinkle.planning.trajectory import Trajectory
 
 #: s: until the process has started and connected, beside the site's own deadline; for an answer of it.
 _START, _ANSWER = 30.0, 3.0
+#: A program that says nothing for so long while its robot moves is taken to hang, and the robot is held, s.
+SILENCE = 2.0
 #: Between two looks at the status while waiting, s.
 _LOOK = 0.01
 #: What a request may call.
@@ -311,6 +313,8 @@ def serve(connection: "Connection[Any, Any]") -> None:
 
 def _obey(connection: "Connection[Any, Any]", thread: DriverThread) -> None:
     while True:
+        while not connection.poll(SILENCE):
+            thread.pause(f"the program has said nothing for {SILENCE:g} s; does it hang?")
         name, arguments = connection.recv()
         if name == "close":
             return

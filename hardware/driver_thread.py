@@ -173,6 +173,11 @@ class DriverThread:
         with self._changed:
             self._driver.fail(text)
 
+    def pause(self, reason: str) -> None:
+        """See the driver."""
+        with self._changed:
+            self._driver.pause(reason)
+
     def set_override(self, value: float) -> None:
         """See the driver."""
         with self._changed:

@@ -1,12 +1,13 @@
 """What may not be: feedback too old or impossible, an axis off its path, a robot that may not move, a driver that is late."""
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.hardware._feedback import interval
-from unwrinkle.hardware.streaming import PointStream, most_lag
+from unwrinkle.hardware.streaming import GROUP_AXES, PointStream, most_lag
 from unwrinkle.hardware.values import JointFeedback, RobotStatus
 from unwrinkle.models.limits import Limits
 from unwrinkle.models.site import ControllerSite
@@ -24,6 +25,12 @@ _JUMP_FACTOR, _JUMP_ROOM = 1.5, 5e-3
 _LAG_STEP = 0.001
 #: Beyond the site's latency: an interpolation period until a point is begun, and the age of the feedback itself, s.
 LATENCY_ROOM = 0.035
+#: A control group may be begun an interpolation period after another, so its lag may be another one by this, s.
+GROUP_SKEW = 0.009
+#: A proposed lag fits better than lags _LAG_APART shorter and longer by this, and was within the spread all along, rad and s.
+_FITS_BETTER, _SPREAD = 2e-4, 0.03
+#: A group that was seen to move less has stood still, rad.
+_STILL = 1e-3
 #: A lag shows if lags so much shorter and longer (s) fit worse by so much (rad); at rest every lag fits.
 _LAG_APART, _LAG_SHOWS = 0.02, 2e-3
 #: Share of a new lag in the one that is told.
@@ -60,12 +67,16 @@ class Monitor:
         self._limits = limits
         self._lags = np.arange(0.0, most_lag(site) + 0.5 * _LAG_STEP, _LAG_STEP)
         self._allowed = int((self._lags <= site.latency + LATENCY_ROOM).sum())
+        self._fits: deque[float] = deque(maxlen=6)
+        self._begin: Array | None = None
         self.late = 0
         self.following_error = 0.0
         self.lag = 0.0
 
     def restart(self) -> None:
         """Forget what was seen of the trajectory before."""
+        self._fits.clear()
+        self._begin = None
         self.late = 0
         self.following_error = 0.0
         self.lag = 0.0
@@ -132,19 +143,25 @@ class Monitor:
         sums = off.sum(axis=1)
         best = int(sums[: self._allowed].argmin())
         fits = int(sums.argmin())
-        error = float(off[best].max())
-        if self._shows(sums, fits):
+        self._begin = feedback.positions if self._begin is None else self._begin
+        errors = self._errors(off, best)
+        error = float(errors.max())
+        if self._shows(sums, fits, _LAG_SHOWS):
             lag = float(lags[fits])
+            self._fits.append(lag)
             self.lag = lag if self.lag == 0.0 else self.lag + _LAG_SHARE * (lag - self.lag)
         self.following_error = max(self.following_error, error)
         if error <= site.following:
             return None
-        axis = int(off[best].argmax())
+        axis = int(errors.argmax())
         text = (
             f"{AXIS_NAMES[axis]} is {error:.4f} rad off its path at {stream.progress(feedback.received):.3f} s, at "
             f"most {site.following:g} rad (lags up to {1e3 * site.latency:.0f} ms taken out)"
         )
-        if off[fits].max() <= site.following:
+        name, axes = next((n, a) for n, a in GROUP_AXES.items() if a.start <= axis < a.stop)
+        if np.abs(feedback.positions - self._begin)[axes].max() < _STILL:
+            text += f"; {name} has not moved at all: does the firmware move it (controller.groups_moved)?"
+        elif off[fits].max() <= site.following and self._proposes(sums, fits):
             text += (
                 f"; a lag of {1e3 * lags[fits]:.0f} ms would fit: if that is the controller's own, "
                 "set controller.latency above it"
@@ -152,11 +169,28 @@ class Monitor:
         return Finding("following", text)
 
     @staticmethod
-    def _shows(sums: Array, fits: int) -> bool:
+    def _errors(off: Array, best: int) -> Array:
+        """Distances (13,) of the axes at the lag that fits them together, each group's own lag within `GROUP_SKEW`, rad."""
+        near = round(GROUP_SKEW / _LAG_STEP)
+        window = off[max(best - near, 0) : best + near + 1]
+        errors = np.empty(off.shape[1])
+        for axes in GROUP_AXES.values():
+            errors[axes] = window[int(window[:, axes].max(axis=1).argmin()), axes]
+        return errors
+
+    def _proposes(self, sums: Array, fits: int) -> bool:
+        """Whether a lag is the controller's own for all that is known: it stands out, and it does not grow."""
+        grows = len(self._fits) > 0 and float(self._lags[fits]) - min(self._fits) > _SPREAD
+        return self._shows(sums, fits, _FITS_BETTER) and not grows
+
+    @staticmethod
+    def _shows(sums: Array, fits: int, by: float) -> bool:
         """Whether the lag that fits best, an index, is told from others by the distances (n,) of all lags, rad."""
         apart = round(_LAG_APART / _LAG_STEP)
-        others = [k for k in (fits - apart, fits + apart) if 0 <= k < len(sums)]
-        return bool(min(sums[others]) > sums[fits] + _LAG_SHOWS)
+        if fits + apart >= len(sums):  # longer ones were not looked at
+            return False
+        others = [k for k in (fits - apart, fits + apart) if k >= 0]
+        return bool(min(sums[others]) > sums[fits] + by)
 
     def stands(self, feedback: JointFeedback, positions: Array) -> str:
         """Why the robot does not stand where it has to be for a motion to begin; empty if it does."""

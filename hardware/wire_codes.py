@@ -128,7 +128,7 @@ SUBCODES: dict[int, str] = {
     3010: "a number in the message is invalid",
     3011: "the first point is not where the robot is commanded to stand; plan from where it stands",
     3012: "a position is out of its axis' range",
-    3013: "a speed is above its axis' limit; slow the trajectory down",
+    3013: "a speed is above its axis' limit, or the controller's speed governor (controller.speed_cap); slow down",
     3014: "an acceleration is above its axis' limit; slow the trajectory down",
     3015: "data is missing: a point needs time, positions and velocities",
     3016: "the point's time is invalid: not increasing, or four hours or more",

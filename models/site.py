@@ -14,6 +14,8 @@ VELOCITIES = ("differences", "reported")
 GRIPPERS = ("digital", "can", "none")
 CAMERAS = ("none", "folder", "watch", "opencv", "gphoto2", "openni2")
 GROUPS = ("r1", "r2", "ext_axis")
+#: Greatest latency that a site may state, s.
+LONGEST_LATENCY = 1.0
 #: Encoder pulses of the turn-table and of an arm's S, L, U, R, B, T, 1/rad: what 30 pulses are on the real controller
 #: (0.31; 0.365, 0.40, 0.38, 0.53, 0.64, 1.49 mrad). ASSUMED for the turn-table.
 PULSES_PER_RADIAN = (96774.0, 82192.0, 75000.0, 78947.0, 56604.0, 46875.0, 20134.0)
@@ -187,9 +189,15 @@ class Site:
             raise InputError(
                 f"site: controller.groups must name {', '.join(GROUPS)} once each, got {c.groups}"
             )
-        if not set(c.groups_moved) <= set(GROUPS) or not c.groups_moved:
+        moved = c.groups_moved
+        if not moved or not set(moved) <= set(GROUPS) or len(set(moved)) != len(moved):
             raise InputError(
-                f"site: controller.groups_moved must name some of {', '.join(GROUPS)}, got {c.groups_moved}"
+                f"site: controller.groups_moved must name some of {', '.join(GROUPS)}, each once, got {moved}"
+            )
+        if not c.latency <= LONGEST_LATENCY:
+            raise InputError(
+                f"site: controller.latency is {c.latency:g} s; give at most {LONGEST_LATENCY:g} s, a longer one would "
+                "hide an axis that stands still"
             )
         if not 0.0 < c.speed_cap <= 1.0:
             raise InputError(

@@ -58,6 +58,13 @@ class ExecutionResult:
     finished: tuple[str, ...]
 
 
+def _place(step: Segment | GripperEvent) -> tuple[int, int]:
+    """Where a step stands: an event follows the segment that ends when it comes, to the millisecond."""
+    if isinstance(step, Segment):
+        return round(1e3 * step.end), 0
+    return round(1e3 * step.time), 1
+
+
 class PlanExecutor:
     """One execution of one plan.
 
@@ -102,10 +109,7 @@ class PlanExecutor:
         self._dead_man = dead_man
         self._alive_at: float | None = None
         steps: list[Segment | GripperEvent] = [*plan.segments, *plan.events]
-        # An event at the time of a segment's end follows it, and precedes the next one.
-        self._steps = sorted(
-            steps, key=lambda s: (s.end, 0) if isinstance(s, Segment) else (s.time, 1)
-        )
+        self._steps = sorted(steps, key=_place)
         self._next = 0
         self._now = 0.0
         self._log_lost = False

@@ -169,7 +169,7 @@ def preflight(
     verdict: Verdict | None = None
     most = 1.0
     positions = feedback.positions if fresh and feedback is not None else None
-    if positions is not None:
+    if positions is not None and not _in_motion(status):
         rows.ask("posture", lambda: _check_posture(cell, plan, positions))
         rows.ask("start", lambda: _check_start(plan, cell, site, positions))
     if identity:
@@ -249,6 +249,11 @@ def _check_driver(status: DriverStatus | None) -> str:
     if status.state != READY:
         raise InputError(f"the driver is {status.state}, not ready: {status.reason or 'wait'}")
     return "connected, and nobody else drives it from here"
+
+
+def _in_motion(status: DriverStatus | None) -> bool:
+    """Whether the robot's status reports motion: then where it stands says nothing yet."""
+    return status is not None and status.robot is not None and status.robot.in_motion == 1
 
 
 def _check_robot(status: DriverStatus | None) -> str:

@@ -77,12 +77,53 @@ def test_the_axis_that_is_off_is_named(
 ) -> None:
     trajectory = make_trajectory(2)
     stream = PlayedStream(trajectory)
+    begin = feedback(stream.commanded(np.array([0.0]))[0], 0.0)
+    assert monitor.follows(begin, stream) is None  # type: ignore[arg-type]
     now = 0.5 * trajectory.duration
     seen = stream.commanded(np.array([now - 0.03]))[0]
-    seen[axis] += 0.03
+    seen[axis] += 0.04
     found = monitor.follows(feedback(seen, now), stream)  # type: ignore[arg-type]
     assert found is not None and not found.brake
-    assert found.text.startswith(f"{AXIS_NAMES[axis]} is 0.03") and "at most 0.02 rad" in found.text
+    assert found.text.startswith(f"{AXIS_NAMES[axis]} is 0.0")
+    assert "at most 0.02 rad" in found.text and "would fit" not in found.text
+
+
+def test_a_group_that_stands_still_is_named(
+    monitor: Monitor, make_trajectory: TrajectoryMaker
+) -> None:
+    trajectory = make_trajectory(2)
+    stream = PlayedStream(trajectory)
+    found = None
+    for now in np.arange(0.0, trajectory.duration, 0.025):
+        seen = stream.commanded(np.array([now - 0.15]))[0]
+        seen[0] = 0.0
+        found = found or monitor.follows(feedback(seen, float(now)), stream)  # type: ignore[arg-type]
+    assert found is not None and "ext_axis has not moved at all" in found.text
+    assert "controller.groups_moved" in found.text and "would fit" not in found.text
+
+
+def test_an_arm_that_freezes_gets_no_longer_latency_proposed(
+    monitor: Monitor, make_trajectory: TrajectoryMaker
+) -> None:
+    trajectory = make_trajectory(2)
+    stream = PlayedStream(trajectory)
+    found = None
+    for now in np.arange(0.0, trajectory.duration, 0.025):
+        seen = stream.commanded(np.array([min(now, 0.6) - 0.15]))[0]
+        found = found or monitor.follows(feedback(seen, float(now)), stream)  # type: ignore[arg-type]
+    assert found is not None and "would fit" not in found.text
+
+
+def test_groups_that_begin_a_period_apart_follow(
+    monitor: Monitor, make_trajectory: TrajectoryMaker
+) -> None:
+    trajectory = make_trajectory(2)
+    stream = PlayedStream(trajectory)
+    for now in np.arange(0.0, trajectory.duration + 0.4, 0.025):
+        seen = stream.commanded(np.array([now - 0.15]))[0]
+        seen[7:] = stream.commanded(np.array([now - 0.158]))[0][7:]
+        assert monitor.follows(feedback(seen, float(now)), stream) is None  # type: ignore[arg-type]
+    assert monitor.following_error < 2e-3
 
 
 def test_impossible_feedback(monitor: Monitor, limits: Limits) -> None:

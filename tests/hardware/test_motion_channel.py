@@ -11,6 +11,7 @@ import pytest
 from unwrinkle.hardware._motion_channel import (
     LEAVING,
     PATIENCE,
+    Asked,
     MotionChannel,
     StopAndPart,
     stop_and_leave,
@@ -66,7 +67,15 @@ class Peer:
         else:
             point = TrajectoryPoint.of(message)
             reply = MotionReply(point.group, point.sequence, message.type, result, subcode)
-        self.say(reply.to_message().encode())
+        self.socket.sendall(reply.to_message().encode())
+
+
+def polled(channel: MotionChannel, now: float) -> list[tuple[Asked, MotionReply]]:
+    """Take the answers that are on their way, then send what waits."""
+    channel._link.wait(0.02)
+    answers = channel.poll(now)
+    channel.send_next(now)
+    return answers
 
 
 @pytest.fixture
@@ -83,14 +92,14 @@ def test_the_next_request_waits_for_the_answer(peer: Peer) -> None:
     channel.point(POINT, 0, 0, 1.0)
     (first,) = peer.heard()
     assert first.type == MessageType.MOTION_CTRL and not channel.quiet
-    assert channel.poll(1.1) == [] and peer.heard() == []
+    assert polled(channel, 1.1) == [] and peer.heard() == []
     peer.answer(first)
-    ((asked, reply),) = channel.poll(1.2)
+    ((asked, reply),) = polled(channel, 1.2)
     assert (asked.what, asked.sent, reply.result) == (Command.CHECK_MOTION_READY, 1.0, 0)
     (second,) = peer.heard()
     assert second.type == MessageType.JOINT_TRAJ_PT_FULL
     peer.answer(second)
-    ((asked, _),) = channel.poll(1.3)
+    ((asked, _),) = polled(channel, 1.3)
     assert asked.sent == 1.2 and channel.quiet  # its time begins when it is sent
 
 
@@ -99,12 +108,12 @@ def test_time_that_a_request_waits_is_not_its_answers(peer: Peer) -> None:
     channel.control(Command.START_TRAJ_MODE, 1.0, timeout=8.0)
     channel.control(Command.CHECK_MOTION_READY, 1.0)
     (start,) = peer.heard()
-    assert channel.poll(5.0) == []
+    assert polled(channel, 5.0) == []
     peer.answer(start)
-    channel.poll(5.1)
-    assert channel.poll(5.5) == []
+    polled(channel, 5.1)
+    assert polled(channel, 5.5) == []
     with pytest.raises(HardwareError, match=r"has not answered command 200101.* at most 0.50 s"):
-        channel.poll(5.7)
+        polled(channel, 5.7)
 
 
 def test_a_stop_drops_what_waits_and_follows_the_answer(peer: Peer) -> None:
@@ -115,9 +124,9 @@ def test_a_stop_drops_what_waits_and_follows_the_answer(peer: Peer) -> None:
     channel.stop(1.01)
     assert peer.heard() == []
     peer.answer(point)
-    channel.poll(1.02)
+    polled(channel, 1.02)
     assert peer.commands() == [Command.STOP_MOTION]
-    assert channel.poll(1.03) == [] and peer.heard() == []
+    assert polled(channel, 1.03) == [] and peer.heard() == []
 
 
 def test_a_stop_does_not_wait_for_ever(peer: Peer) -> None:
@@ -125,14 +134,14 @@ def test_a_stop_does_not_wait_for_ever(peer: Peer) -> None:
     channel.point(POINT, 0, 0, 1.0)
     (point,) = peer.heard()
     channel.stop(1.0)
-    channel.poll(1.0 + 0.9 * PATIENCE)
+    polled(channel, 1.0 + 0.9 * PATIENCE)
     assert peer.heard() == []
-    channel.poll(1.0 + 1.1 * PATIENCE)
+    polled(channel, 1.0 + 1.1 * PATIENCE)
     (stop,) = peer.heard()
     assert MotionControl.of(stop).command == Command.STOP_MOTION
     peer.answer(point)
     peer.answer(stop)
-    assert [asked.what for asked, _ in channel.poll(1.2)] == [14, Command.STOP_MOTION]
+    assert [asked.what for asked, _ in polled(channel, 1.2)] == [14, Command.STOP_MOTION]
 
 
 def test_the_previous_reply_once_more_means_an_unknown_command(peer: Peer) -> None:
@@ -140,11 +149,11 @@ def test_the_previous_reply_once_more_means_an_unknown_command(peer: Peer) -> No
     channel.control(Command.CHECK_MOTION_READY, 1.0)
     (ready,) = peer.heard()
     peer.answer(ready)
-    channel.poll(1.0)
+    polled(channel, 1.0)
     channel.control(Command.CHECK_SYNCHRO, 1.1)
     peer.heard()
     peer.answer(ready)
-    ((asked, reply),) = channel.poll(1.2)
+    ((asked, reply),) = polled(channel, 1.2)
     assert asked.what == Command.CHECK_SYNCHRO
     assert (reply.result, reply.subcode) == (Result.INVALID, Subcode.INVALID_COMMAND)
     # Of any other command it is no answer.
@@ -152,7 +161,7 @@ def test_the_previous_reply_once_more_means_an_unknown_command(peer: Peer) -> No
     peer.heard()
     peer.answer(ready)
     with pytest.raises(HardwareError, match="where command 200114"):
-        channel.poll(1.4)
+        polled(channel, 1.4)
 
 
 @pytest.mark.parametrize("answers", [True, False])
