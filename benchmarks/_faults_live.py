@@ -2,7 +2,6 @@
 
 import dataclasses as dc
 import os
-import select
 import subprocess
 import sys
 import threading
@@ -65,8 +64,7 @@ class LiveController:
     def _loop(self) -> None:
         last = time.monotonic()
         while not self._end.is_set():
-            links = [link for found in self.server.links.values() for link in found]
-            select.select(links, [], [], _STEP)
+            self.server.wait(_STEP)
             now = time.monotonic()
             share = 1.0 - np.exp(-(now - last) / _LAG)
             before = self._measured

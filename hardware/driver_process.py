@@ -69,7 +69,8 @@ class _Snapshot:
 class DriverProcess:
     """Has a driver polled by another process until it is closed; every method may be called from any thread.
 
-    It offers what `DriverThread` offers. As a context manager it connects at the start; at the end, however that comes, it
+    It offers what `DriverThread` offers. While the robot moves, something of it has to be called at least every `SILENCE`
+    seconds (`wait` does): a program that says nothing is taken to hang, and the robot is held. As a context manager it connects at the start; at the end, however that comes, it
     holds, waits for rest and disconnects.
     """
 

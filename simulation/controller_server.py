@@ -1,7 +1,9 @@
 """The virtual controller on the network: three ports, as a DX100 with MotoROS has them, and its faults."""
 
+import select
 import socket
 from collections import deque
+from contextlib import suppress
 from math import floor
 
 import numpy as np
@@ -157,6 +159,12 @@ class ControllerServer:
             if self._accept(name):
                 self._read(name)
         self._go_on()
+
+    def wait(self, most: float) -> None:
+        """Wait until somebody connects or sends, for at most so long, s: a controller answers at once."""
+        links = [link for found in self.links.values() for link in found if not link.closed]
+        with suppress(OSError, ValueError):  # closed meanwhile
+            select.select([*links, *self._listeners.values()], [], [], most)
 
     def commit(self, fault: ServerFault) -> None:
         """Take on a further fault; its times are those of this server's clock, as ever."""

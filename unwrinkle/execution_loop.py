@@ -164,4 +164,6 @@ class _Loop:
         if executor.result is not None:
             return f"{executor.result.outcome} {executor.result.reason}".strip()
         held = f", {executor.held}" if executor.held else ""
+        if held and "goes on" not in held:
+            held += "; r or resume goes on, s or stop ends it"
         return f"{executor.step} at {executor.speed:.0%}{held}"

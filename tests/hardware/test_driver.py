@@ -353,3 +353,24 @@ def test_limits_are_kept_through_random_commands(
     times, positions, velocities = (np.array(values) for values in zip(*log.points, strict=True))
     own = extremes(trajectory.times, trajectory.positions, trajectory.velocities)
     assert stream_limits.widened(own).keeps(extremes(times, positions, velocities))
+
+
+@pytest.mark.parametrize("before", [0.25, 0.12, 0.0, -0.1])
+def test_a_gap_of_feedback_near_the_end_does_not_lose_the_end(
+    make_rig, make_trajectory: TrajectoryMaker, before: float
+) -> None:
+    rig = make_rig()
+    rig.connect()
+    trajectory = make_trajectory(2)
+    number = rig.run(trajectory)
+    begin = rig.time
+    rig.until(lambda: rig.time >= begin + trajectory.duration + 0.104 - before)
+    now = rig.time - 100.0
+    rig.server.commit(ServerFault("silent_state", at=now, until=now + 0.15))
+    rig.wait(2.0)
+    if rig.state == "held":
+        number = rig.next_number()
+        rig.driver.resume(number)
+        rig.wait(2.0)
+    assert rig.state == "ready" and rig.driver.status.completed == number, rig.driver.status
+    assert rig.reason == ""

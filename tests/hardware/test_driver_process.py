@@ -17,6 +17,7 @@ from unwrinkle.hardware.driver_process import DriverProcess
 from unwrinkle.hardware.run_log import RunLog
 from unwrinkle.hardware.run_log_reader import read_run_log
 from unwrinkle.hardware.values import FAULT, HELD, OFFLINE, READY, RUNNING
+from unwrinkle.hardware.wire import Command, MessageType, MotionControl
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.limits import Limits, load_limits
 from unwrinkle.models.loader_yaml import models_dir
@@ -39,7 +40,8 @@ class Robot:
         self._thread.start()
 
     def _run(self) -> None:
-        while not self._over.wait(0.002):
+        while not self._over.is_set():
+            self.server.wait(0.002)
             self.server.poll(time.monotonic())
 
     def rests(self, deadline: float = 10.0) -> bool:
@@ -177,3 +179,26 @@ def test_a_program_that_dies_leaves_a_robot_that_braked_and_was_left_cleanly(
     assert not robot.controller.trajectory_mode and robot.rests()
     assert robot.controller.underruns == 0  # it braked along the path
     assert 0.05 < robot.controller.positions[8] < 0.45
+
+
+def test_a_program_that_hangs_has_its_robot_held(robot: Robot) -> None:
+    command = [sys.executable, "-c", _PARENT, *map(str, robot.server.ports)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
+        try:
+            assert program.stdout is not None and program.stdout.readline() == "moving\n"
+            program.send_signal(signal.SIGSTOP)
+            assert not robot.rests(1.0)
+            assert robot.rests(4.0)  # before its motion of five seconds is over
+            time.sleep(1.0)
+            assert robot.rests(0.1) and 0.05 < robot.controller.positions[8] < 0.49
+            assert Command.STOP_MOTION not in commands(robot)  # it braked along the path
+        finally:
+            program.kill()
+
+
+def commands(robot: Robot) -> list[int]:
+    return [
+        MotionControl.of(message).command
+        for _, message in robot.controller.messages
+        if message.type == MessageType.MOTION_CTRL
+    ]

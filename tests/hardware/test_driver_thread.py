@@ -35,7 +35,7 @@ def server(limits: Limits) -> Iterator[ControllerServer]:
     def serve() -> None:
         while not end.is_set():
             server.poll(time.monotonic())
-            end.wait(0.001)
+            server.wait(0.001)
 
     thread = threading.Thread(target=serve)
     thread.start()

@@ -103,6 +103,19 @@ def test_the_next_request_waits_for_the_answer(peer: Peer) -> None:
     assert asked.sent == 1.2 and channel.quiet  # its time begins when it is sent
 
 
+def test_an_answer_alone_sends_nothing(peer: Peer) -> None:
+    channel = MotionChannel(peer.link, 0.5)
+    channel.point(POINT, 0, 0, 1.0)
+    channel.point(POINT, 1, 0, 1.0)
+    (first,) = peer.heard()
+    peer.answer(first)
+    peer.link.wait(1.0)
+    assert len(channel.poll(1.2)) == 1
+    assert peer.heard() == []  # whoever asks judges first whether it is late
+    channel.stop(1.2)
+    assert peer.commands() == [Command.STOP_MOTION]
+
+
 def test_time_that_a_request_waits_is_not_its_answers(peer: Peer) -> None:
     channel = MotionChannel(peer.link, 0.5)
     channel.control(Command.START_TRAJ_MODE, 1.0, timeout=8.0)

@@ -214,7 +214,8 @@ class Devices:
         self._thread.start()
 
     def _run(self) -> None:
-        while not self._over.wait(0.002):
+        while not self._over.is_set():
+            self._equipment.server.wait(0.002)
             self._equipment.step(time.monotonic())
 
     def close(self) -> None:

@@ -46,7 +46,8 @@ def start(cell: Cell) -> Iterator[Callable[..., Running]]:
         ended = threading.Event()
 
         def loop() -> None:
-            while not ended.wait(0.002):
+            while not ended.is_set():
+                server.wait(0.002)
                 server.poll(time.monotonic())
 
         thread = threading.Thread(target=loop)

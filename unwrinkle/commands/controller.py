@@ -104,8 +104,7 @@ def controller(
         while seconds is None or now - begin < seconds:
             for text in equipment.step(now):
                 say(f"{now - begin:9.3f} s  {text}")
-            # Half an interpolation period: the controller answers as soon as the real one.
-            time.sleep(0.5 * settings.period)
+            equipment.server.wait(0.5 * settings.period)
             now = time.monotonic()
     except KeyboardInterrupt:
         say("ended")

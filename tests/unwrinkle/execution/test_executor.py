@@ -27,6 +27,18 @@ def test_segments_and_grippers_in_order(bench: Any) -> None:
     assert bench.driver.calls[-1] == ("stop", "the plan is done")
 
 
+@pytest.mark.parametrize("off", [-4e-4, -1e-15, 0.0, 4e-16, 4e-4])
+def test_rounding_of_times_does_not_change_the_order(bench_of: Any, off: float) -> None:
+    # A clock of sums: the pull may end the last bit of a float after the event that follows it.
+    bench = bench_of()
+    first, pull, last = bench.plan.segments
+    plan = dc.replace(bench.plan, segments=(first, dc.replace(pull, start=pull.start + off), last))
+    executor = PlanExecutor(bench.driver, bench.grippers, plan)
+    kinds = [type(step).__name__ for step in executor._steps]
+    assert kinds == ["Segment", "GripperEvent", "Segment", "GripperEvent", "Segment"]
+    assert [s.name for s in executor._steps[::2]] == ["approach", "pull", "release"]
+
+
 def test_numbers_count_up_from_the_drivers(bench_of: Any) -> None:
     bench = bench_of()
     bench.driver.status = dc.replace(bench.driver.status, command=7, completed=7)
