@@ -164,7 +164,8 @@ class ControllerServer:
         """Wait until somebody connects or sends, for at most so long, s: a controller answers at once."""
         links = [link for found in self.links.values() for link in found if not link.closed]
         with suppress(OSError, ValueError):  # closed meanwhile
-            ends = [end.fileno() for end in (*links, *self._listeners.values())]
+            ends = [link.fileno() for link in links]
+            ends += [listener.fileno() for listener in self._listeners.values()]
             select.select(ends, [], [], most)
 
     def commit(self, fault: ServerFault) -> None:
