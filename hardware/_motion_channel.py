@@ -237,6 +237,12 @@ def stop_and_leave(link: TcpLink, *, waiting: bool, moving: bool, mode: bool) ->
                 link.receive()
 
 
+def ask_to_stop(link: TcpLink, most: float) -> MotionReply | None:
+    """Send STOP_MOTION over a link on which nothing else is under way; its answer within so long (s), None without one."""
+    link.send(_control(Command.STOP_MOTION))
+    return _heard(link, Framer(), most)
+
+
 def _control(command: int) -> bytes:
     return MotionControl(ALL_GROUPS, 0, command).to_message().encode()
 

@@ -7,19 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from unwrinkle.hardware._feedback import FeedbackReader
-from unwrinkle.hardware._motion_channel import LEAVING
+from unwrinkle.hardware._motion_channel import LEAVING, ask_to_stop
 from unwrinkle.hardware.link import TcpLink
 from unwrinkle.hardware.lock import OwnerLock
 from unwrinkle.hardware.values import RobotStatus
-from unwrinkle.hardware.wire import (
-    Command,
-    Framer,
-    MessageType,
-    MotionControl,
-    MotionReply,
-    Result,
-    WireError,
-)
+from unwrinkle.hardware.wire import Result
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.site import ControllerSite
 
@@ -114,18 +106,9 @@ def _stop(site: ControllerSite) -> None:
         site.host, site.motion_port, site.connect_timeout, "controller's motion server"
     )
     try:
-        link.send(MotionControl(-1, 0, Command.STOP_MOTION).to_message().encode())
-        link.drain(site.reply_timeout)
-        framer, reply = Framer(), None
-        end = time.monotonic() + max(site.reply_timeout, LEAVING)
-        while reply is None and not link.closed and (left := end - time.monotonic()) > 0.0:
-            if not link.wait(left):
-                break
-            for message in framer.feed(link.receive()):
-                if message.type == MessageType.MOTION_REPLY:
-                    reply = MotionReply.of(message)
+        reply = ask_to_stop(link, max(site.reply_timeout, LEAVING))
         if reply is None:
-            why = link.closed or f"no answer within {site.reply_timeout:g} s"
+            why = link.closed or f"none that can be read within {site.reply_timeout:g} s"
             raise HardwareError(
                 f"the stop was not answered ({why}); does another client drive the robot? Press HOLD on the pendant"
             )
@@ -133,9 +116,5 @@ def _stop(site: ControllerSite) -> None:
             raise HardwareError(
                 f"the controller refuses the stop (reply {reply.result}/{reply.subcode}); press HOLD on the pendant"
             )
-    except WireError as error:
-        raise HardwareError(
-            f"the controller answers the stop with garbage ({error}); press HOLD on the pendant"
-        ) from None
     finally:
         link.close()
