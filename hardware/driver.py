@@ -9,15 +9,14 @@ nothing can be sent: the controller's servos brake, and **what is left in its qu
 none is made before the robot's status has said that nothing is left there.
 """
 
-import numpy as np
-
 from unwrinkle.hardware._driver_core import QUEUE_KEPT, QUEUE_LEFT
 from unwrinkle.hardware._driver_motion import ARRIVED_SPEED, DriverMotion, not_reset
 from unwrinkle.hardware._io_channel import IoChannel
 from unwrinkle.hardware._start_sequence import StartSequence
 from unwrinkle.hardware._trajectory_check import trajectory_problem
+from unwrinkle.hardware.firmware_limits import speed_shares, unmoved_group
 from unwrinkle.hardware.monitor import AXIS_NAMES
-from unwrinkle.hardware.streaming import GROUP_AXES, PointStream
+from unwrinkle.hardware.streaming import PointStream
 from unwrinkle.hardware.values import (
     FAULT,
     HELD,
@@ -31,18 +30,7 @@ from unwrinkle.models.errors import HardwareError, InputError
 from unwrinkle.planning.sent import as_sent
 from unwrinkle.planning.trajectory import Trajectory
 
-__all__ = ["QUEUE_KEPT", "QUEUE_LEFT", "STILL", "ControllerDriver", "still_hint"]
-
-
-#: A group that moves by no more rests, rad.
-STILL = 1e-6
-
-
-def still_hint(group: str) -> str:
-    """What to try where a group must not move; begins with a semicolon."""
-    if group == "ext_axis":
-        return "; plan with 'turntable: fixed' in the scenario's planner section"
-    return "; this plan needs a firmware that does"
+__all__ = ["QUEUE_KEPT", "QUEUE_LEFT", "ControllerDriver"]
 
 
 class ControllerDriver(DriverMotion):
@@ -216,15 +204,9 @@ class ControllerDriver(DriverMotion):
 
     def _beyond_firmware(self, trajectory: Trajectory) -> str:
         """What the controller would take and not carry out, or refuse in the midst of the motion."""
-        moved = self.site.groups_moved
-        for name, axes in GROUP_AXES.items():
-            way = np.ptp(trajectory.positions[:, axes], axis=0).max()
-            if name not in moved and not way <= STILL:
-                return (
-                    f"it moves {name} by {way:.3f} rad, which this controller's firmware does not move "
-                    f"(controller.groups_moved: {', '.join(moved)}){still_hint(name)}"
-                )
-        used = np.abs(trajectory.velocities).max(axis=0) / self._cap
+        if still := unmoved_group([trajectory], self.site.groups_moved):
+            return still
+        used = speed_shares([trajectory], self._cap)
         axis = int(used.argmax())
         self._most_override = 1.0 if used[axis] <= 1.0 else float(1.0 / used[axis])
         if not self._override <= self._most_override:

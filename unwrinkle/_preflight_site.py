@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from unwrinkle.hardware.driver import STILL, still_hint
-from unwrinkle.hardware.streaming import GROUP_AXES
+from unwrinkle.hardware.firmware_limits import speed_shares, unmoved_group
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.models.scenario import Clearances, resolve
@@ -81,28 +80,16 @@ def check_governor(site: Site, plan: FlatteningPlan, cell: Cell, speed: float) -
 
 def _used_speeds(plan: FlatteningPlan, cell: Cell) -> np.ndarray:
     """Greatest share of each axis' own full speed that the plan's points have, (13,)."""
-    full = cell.with_speed(1.0).limits.velocity
-    fastest = np.max(
-        [np.abs(segment.trajectory.velocities).max(axis=0) for segment in plan.segments], axis=0
-    )
-    return np.asarray(fastest / full)
+    trajectories = [segment.trajectory for segment in plan.segments]
+    return speed_shares(trajectories, cell.with_speed(1.0).limits.velocity)
 
 
 def check_groups(site: Site, plan: FlatteningPlan) -> str:
     """Check that the plan moves no group that the firmware does not move."""
-    moved = set(site.controller.groups_moved)
-    for name, axes in GROUP_AXES.items():
-        if name in moved:
-            continue
-        q = np.concatenate([segment.trajectory.positions[:, axes] for segment in plan.segments])
-        way = float(np.ptp(q, axis=0).max())
-        if not way <= STILL:
-            raise InputError(
-                f"the plan moves {name} by {way:.3f} rad, and this controller's firmware does not move it "
-                f"(controller.groups_moved: {', '.join(site.controller.groups_moved)})"
-                + still_hint(name)
-            )
-    return f"the plan moves none but {', '.join(sorted(moved))}"
+    moved = site.controller.groups_moved
+    if still := unmoved_group([segment.trajectory for segment in plan.segments], moved):
+        raise InputError(still)
+    return f"the plan moves none but {', '.join(moved)}"
 
 
 def tip_speed(plan: FlatteningPlan, cell: Cell) -> float:

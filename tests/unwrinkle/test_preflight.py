@@ -182,7 +182,7 @@ def test_a_plan_that_moves_what_the_firmware_does_not_move_is_refused(
     found = look(site=two)
     assert failed(found) == ["groups"]
     text = found.check("groups").text
-    assert "the plan moves r2 by " in text and "groups_moved: r1, ext_axis" in text
+    assert "r2 is to move by " in text and "groups_moved: r1, ext_axis" in text
 
 
 def test_a_table_that_was_moved_is_refused(
