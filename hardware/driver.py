@@ -60,6 +60,7 @@ class ControllerDriver(DriverMotion):
         else:
             assert self._channel is not None
             self._waiting = (number, sent, name)
+            self._most_override = self._governed(sent)
             earliest = self._rest_since + self.site.pause
             self._stream = None
             self._start = StartSequence(self.site, self._channel, self._in_mode, earliest)
@@ -206,16 +207,19 @@ class ControllerDriver(DriverMotion):
         """What the controller would take and not carry out, or refuse in the midst of the motion."""
         if still := unmoved_group([trajectory], self.site.groups_moved):
             return still
-        used = speed_shares([trajectory], self._cap)
-        axis = int(used.argmax())
-        self._most_override = 1.0 if used[axis] <= 1.0 else float(1.0 / used[axis])
-        if not self._override <= self._most_override:
+        most = self._governed(trajectory)
+        if not self._override <= most:
+            axis = int(speed_shares([trajectory], self._cap).argmax())
             return (
-                f"{AXIS_NAMES[axis]} is to move at {self._override * used[axis]:.2f} of what the controller's speed "
-                f"governor allows (controller.speed_cap {self.site.speed_cap:g}); at most {self._most_override:.3f} of the "
-                "planned speed"
+                f"{AXIS_NAMES[axis]} is to move at {self._override / most:.2f} of what the controller's speed governor "
+                f"allows (controller.speed_cap {self.site.speed_cap:g}); at most {most:.3f} of the planned speed"
             )
         return ""
+
+    def _governed(self, trajectory: Trajectory) -> float:
+        """Share of a trajectory's speed that the controller's speed governor allows, up to 1."""
+        used = float(speed_shares([trajectory], self._cap).max())
+        return 1.0 if used <= 1.0 else 1.0 / used
 
     def _cannot_resume(self, stream: PointStream) -> str:
         last = stream.clock.last
