@@ -246,11 +246,14 @@ class DriverProcess:
             problem = problem or self._answer(_ANSWER)
             if problem:
                 self._end()
+                # One that was asked to end has braked and left; one that was killed has not.
+                left = self._process is not None and (self._process.returncode or 0) >= 0
+                after = "it braked, and left the controller" if left else QUEUE_KEPT
                 status = DriverStatus(
                     state=FAULT,
                     command=self._last.status.command,
                     completed=self._last.status.completed,
-                    reason=f"{problem}; {QUEUE_KEPT}",
+                    reason=f"{problem}; {after}",
                 )
                 self._last = _Snapshot(status, self._last.feedback)
             return self._last

@@ -141,6 +141,21 @@ def test_a_dead_driver_is_a_fault_and_the_robot_rests(
     assert robot.rests() and sum(robot.controller.queued) > 0
 
 
+def test_a_driver_that_is_asked_to_end_leaves_nothing_in_the_queues(
+    site: ControllerSite, limits: Limits, robot: Robot
+) -> None:
+    with DriverProcess(site, limits) as driver:
+        assert driver.wait(lambda status: status.state == READY, 5.0)
+        driver.run(1, _swing(4.0))
+        assert driver.wait(lambda status: status.progress > 0.5, 5.0)
+        assert driver.pid is not None
+        os.kill(driver.pid, signal.SIGTERM)
+        assert driver.wait(lambda status: status.state == FAULT, 10.0)
+        reason = driver.status.reason
+        assert "it braked, and left the controller" in reason and "HOLD" not in reason
+    assert robot.rests() and sum(robot.controller.queued) == 0
+
+
 _PARENT = """
 import sys, time, numpy as np
 from unwrinkle.hardware.driver_process import DriverProcess
