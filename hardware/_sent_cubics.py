@@ -21,11 +21,6 @@ _TINY = 1e-7  # of a millisecond: rounding
 _SAME = 1e-9  # s
 
 
-def whole_ms(time: float) -> float:
-    """The nearest whole millisecond, s."""
-    return round(1e3 * time) / 1e3
-
-
 def ceil_ms(time: float) -> float:
     """The first whole millisecond not before a time, s."""
     return ceil(1e3 * time - _TINY) / 1e3

@@ -20,10 +20,9 @@ from unwrinkle.hardware._sent_cubics import (
     StreamLimits,
     ceil_ms,
     extremes,
-    whole_ms,
 )
 from unwrinkle.models.errors import InputError
-from unwrinkle.planning.sent import as_float32
+from unwrinkle.planning.sent import as_float32, whole_millisecond
 from unwrinkle.planning.trajectory import Trajectory
 
 __all__ = ["PathClock", "Sample", "StreamLimits", "extremes"]
@@ -225,10 +224,10 @@ class PathClock:
             steps = min(max(self._wide, self._step / rate), self._longest)
             if left < 2.0 * steps:  # two even ones, then the last
                 steps = left if left <= steps else 0.5 * left
-        when = whole_ms(state.time + max(steps, 1e-3))
+        when = whole_millisecond(state.time + max(steps, 1e-3))
         s = self._anchor[1] + (when - self._anchor[0]) * rate
         if s > self._path.end - 0.5e-3 * rate:  # less than half a millisecond would be left
-            when = max(ceil_ms(state.time + left), whole_ms(state.time + 1e-3))
+            when = max(ceil_ms(state.time + left), whole_millisecond(state.time + 1e-3))
             knot, s = len(self._path.knots) - 1, self._path.end
         elif abs(s - at_knot) < _ROUNDING:
             s = at_knot

@@ -13,7 +13,7 @@ from unwrinkle.planning.plan import GripperEvent, PoseMark, Segment
 from unwrinkle.planning.poses import PIECES, POSES
 from unwrinkle.planning.sampling import Samples, sample_within, sampling_period
 from unwrinkle.planning.search import Motion
-from unwrinkle.planning.sent import MILLISECONDS, whole_milliseconds
+from unwrinkle.planning.sent import MILLISECONDS, whole_millisecond, whole_milliseconds
 from unwrinkle.planning.settings import PlannerSettings
 from unwrinkle.planning.time_law import JointPath, PathLimits, TimedPath, time_paths
 from unwrinkle.planning.trajectory import Trajectory
@@ -91,15 +91,15 @@ class MotionTiming:
         clock = 0.0
         for i, (name, _, _) in enumerate(PIECES):
             begin = float(there[0][-1]) if i == 0 else 0.0
-            end = _whole(begin + float(samples[i][0][-1]))
+            end = whole_millisecond(begin + float(samples[i][0][-1]))
             marks = _marks(motion, i, samples[i], begin)
             state = taking_part if name == "pull" else opened
             trajectory = Trajectory(*joined[i])
             segments.append(Segment(name, clock, trajectory, state, marks, (begin, end)))
-            clock = _whole(clock + trajectory.duration)
+            clock = whole_millisecond(clock + trajectory.duration)
             if i + 1 < len(PIECES):
                 events.append(GripperEvent(clock, taking_part if i == 0 else opened, dwell))
-                clock = _whole(clock + dwell)
+                clock = whole_millisecond(clock + dwell)
         return tuple(segments), tuple(events)
 
     def _line_samples(self, way: Transit) -> Samples:
@@ -128,7 +128,8 @@ def _marks(motion: Motion, piece: int, samples: Samples, begin: float) -> tuple[
     _, first, last = PIECES[piece]
     times = (0.0, float(t[nearest]), float(t[-1]))
     marks = [
-        PoseMark(n, _whole(begin + x)) for n, x in zip(POSES[first : last + 1], times, strict=True)
+        PoseMark(n, whole_millisecond(begin + x))
+        for n, x in zip(POSES[first : last + 1], times, strict=True)
     ]
     return tuple(
         marks if piece == 0 else marks[1:]
@@ -147,8 +148,3 @@ def _joined(parts: list[Samples]) -> Samples:
         np.concatenate(positions),
         np.concatenate(velocities),
     )
-
-
-def _whole(time: float) -> float:
-    """A sum of whole milliseconds without the rounding of the sum, s."""
-    return float(whole_milliseconds(np.array(time)))

@@ -25,6 +25,11 @@ def whole_milliseconds(times: Array) -> Array:
     return np.asarray(np.rint(np.asarray(times, dtype=float) * MILLISECONDS) / MILLISECONDS)
 
 
+def whole_millisecond(time: float) -> float:
+    """Round one time to a whole millisecond, s: the float nearest to k / 1000."""
+    return round(MILLISECONDS * time) / MILLISECONDS
+
+
 def as_float32(values: Array) -> Array:
     """Round values to float32 and return them as float64.
 
