@@ -7,15 +7,11 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 BENCHMARKS := $(filter-out report,$(patsubst benchmarks/%.py,%,$(wildcard benchmarks/[a-z]*.py)))
 
-# A fresh copy of the package as users get it. Type checks and tests look at this one, since tools
-# cannot see through the map from root folders to subpackages that an editable install has.
-INSTALLED := $(CURDIR)/build/installed
-
-.PHONY: help flatten test lint type bench format clean installed
+.PHONY: help flatten test lint type bench format clean
 
 help:
 	@echo "make flatten   flatten a crumpled towel in the simulated cell, live in the browser, and name the report"
-	@echo "make test      lint, type check, and all tests"
+	@echo "make test      lint, import contracts, type check, and all tests"
 	@echo "make format    format and mend what ruff can"
 	@echo "make bench     run every benchmark and write docs/results (long; QUICK=1 for a smaller sample)"
 	@echo "make clean     remove what was built (and .venv)"
@@ -24,7 +20,7 @@ flatten: $(VENV)/ready
 	$(BIN)/unwrinkle flatten
 
 test: lint type
-	status=0; export PYTHONPATH=$(INSTALLED); \
+	status=0; \
 	$(BIN)/pytest -m alone || status=1; \
 	$(BIN)/pytest -m "not alone" --numprocesses 2 --dist loadfile || status=1; \
 	exit $$status
@@ -32,10 +28,10 @@ test: lint type
 lint: $(VENV)/ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-cache
 
-type: installed
-	cd $(INSTALLED) && $(abspath $(BIN))/mypy --config-file $(CURDIR)/pyproject.toml \
-		--cache-dir $(CURDIR)/.mypy_cache -p unwrinkle
+type: $(VENV)/ready
+	$(BIN)/mypy -p unwrinkle
 
 bench: $(VENV)/ready
 	$(PIP) install --quiet --constraint constraints.txt --no-build-isolation --editable '.[bench]'
@@ -50,10 +46,6 @@ format: $(VENV)/ready
 clean:
 	rm -rf $(VENV) build dist out *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
-
-installed: $(VENV)/ready
-	rm -rf build
-	$(PIP) install --quiet --no-deps --no-build-isolation --target $(INSTALLED) .
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "no Python 3.11 or newer with venv found; set PYTHON=..." >&2; exit 1; }

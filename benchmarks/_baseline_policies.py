@@ -7,7 +7,7 @@ Each policy looks at a range map and says where one hand takes the garment and w
   with every grasp on the garment.
 - `contour`: the point of the outline that is farthest from the garment's centroid is pulled outwards. It would
   always be the same corner; so a point that lies within 60 degrees of one of the last three pulls waits.
-- `wrinkledness`: the grasp point of A. Ramisa et al. (ICRA 2012; see perception/wrinkledness.py) is pulled away from
+- `wrinkledness`: the grasp point of A. Ramisa et al. (ICRA 2012; see perception/wrinkles/wrinkledness.py) is pulled away from
   the garment's centroid. The paper grasps there and does not flatten: the pull is an addition. Of the rules tried on
   bunched towels (away from the centroid or across the local ridge, 2 to 4 cm) this one is the best.
 
@@ -23,14 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.errors import InputError
-from unwrinkle.perception.noise import noise_profile
 from unwrinkle.perception.range_map import RangeMap
-from unwrinkle.perception.surface import fit_surface
-from unwrinkle.perception.targeting import TableTop
-from unwrinkle.perception.wrinkledness import wrinkledness
-from unwrinkle.simulation.cloth import Cloth
-from unwrinkle.simulation.cloth_hands import STEP, carry, let_go, take
-from unwrinkle.simulation.cloth_state import ClothState
+from unwrinkle.perception.sensor import noise_profile
+from unwrinkle.perception.wrinkles.surface import fit_surface
+from unwrinkle.perception.wrinkles.targeting import TableTop
+from unwrinkle.perception.wrinkles.wrinkledness import wrinkledness
+from unwrinkle.simulation.cloth.cloth import Cloth
+from unwrinkle.simulation.cloth.fingers import STEP, carry, let_go, take
+from unwrinkle.simulation.cloth.state import ClothState
 
 Array = NDArray[np.float64]
 

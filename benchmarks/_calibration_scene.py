@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from unwrinkle.perception.boards import Board, BoardView, NoBoard, find_board
+from unwrinkle.models.transforms import Pose, inverse, pose, transformed
+from unwrinkle.perception.calibration.boards import Board, BoardView, NoBoard, find_board
 from unwrinkle.perception.camera import Camera
-from unwrinkle.perception.head import Gaze, StereoHead
-from unwrinkle.perception.pose import Pose, inverse, pose, transformed
-from unwrinkle.simulation.boards import RenderedBoard
-from unwrinkle.simulation.image_noise import photograph_pair
-from unwrinkle.simulation.pan_tilt import VirtualPanTilt
-from unwrinkle.simulation.rendering import Renderer
+from unwrinkle.perception.stereo.head import Gaze, StereoHead
+from unwrinkle.simulation.devices.pan_tilt import VirtualPanTilt
+from unwrinkle.simulation.rendering.boards import RenderedBoard
+from unwrinkle.simulation.rendering.image_noise import photograph_pair
+from unwrinkle.simulation.rendering.renderer import Renderer
 
 _MARGIN = 0.012  # of the image's width that the board's corners keep from its border
 _TABLE = 0.70

@@ -9,8 +9,8 @@ from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 
 from unwrinkle.models.cloth import ClothMaterial, load_material
-from unwrinkle.simulation.cloth import Cloth, ClothState, Support
-from unwrinkle.simulation.outlines import Outline
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothState, Support
+from unwrinkle.simulation.cloth.outlines import Outline
 
 G = 9.81  # m/s^2
 AWAY = Support((50.0, 50.0), (0.5, 0.5), 0.7)  # a table out of the way

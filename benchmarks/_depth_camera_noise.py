@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from unwrinkle.benchmarks._data import data_folder
 from unwrinkle.models.errors import InputError
-from unwrinkle.perception.capture import load_capture, segment_capture
-from unwrinkle.perception.depth_file import Capture
-from unwrinkle.perception.noise import noise_profile
+from unwrinkle.perception.depth.capture import Capture
+from unwrinkle.perception.depth.range_mapping import load_capture, segment_capture
+from unwrinkle.perception.sensor import noise_profile
 
 LAGS = (1, 2, 4, 8, 16, 32, 64)
 _SETS = (("uc3m_textiles", "*_depth_mm.png"), ("clopema_ctu_spread_garments", "cloD*.png"))

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.robot import Cell
-from unwrinkle.simulation.depth_cameras import DepthCameraModel, depth_reading
-from unwrinkle.simulation.garments import Ridge, Towel, overhead_pose
-from unwrinkle.simulation.meshes import height_field_mesh, towel_mesh
-from unwrinkle.simulation.rendering import Renderer
-from unwrinkle.simulation.textures import uniform
+from unwrinkle.simulation.depth_cameras.cameras import DepthCameraModel, depth_reading
+from unwrinkle.simulation.rendering.meshes import height_field_mesh, towel_mesh
+from unwrinkle.simulation.rendering.renderer import Renderer
+from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel, overhead_pose
+from unwrinkle.simulation.rendering.textures import uniform
 
 TABLE = 0.70
 CENTRE = (0.0, -1.10)

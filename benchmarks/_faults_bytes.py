@@ -9,8 +9,8 @@ from unwrinkle.benchmarks import _faults_checks as checks
 from unwrinkle.benchmarks import _faults_frames as frames
 from unwrinkle.benchmarks._fault_rows import Case, Row
 from unwrinkle.benchmarks._faults_rig import WAY, Rig, swing
-from unwrinkle.simulation.controller_server import ServerFault
-from unwrinkle.simulation.serial_pan_tilt import VirtualSerialPanTilt
+from unwrinkle.simulation.controllers.server import ServerFault
+from unwrinkle.simulation.devices.serial_pan_tilt import VirtualSerialPanTilt
 
 #: Points of the standard motion after which faults begin.
 POINTS = 45

@@ -11,7 +11,7 @@ from unwrinkle.benchmarks._plan_tasks import flattening_task
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import Scenario, load_scenario, resolve
 from unwrinkle.planning.plan import FlatteningPlan
-from unwrinkle.planning.planner import FlatteningPlanner
+from unwrinkle.planning.search.planner import FlatteningPlanner
 
 _TABLE = "[0, -1.2, 0.70]"
 

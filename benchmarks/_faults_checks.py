@@ -6,9 +6,9 @@ import numpy as np
 
 from unwrinkle.benchmarks._fault_rows import Case
 from unwrinkle.benchmarks._faults_rig import Rig, swing
-from unwrinkle.hardware import values
-from unwrinkle.hardware.run_log_reader import read_run_log
-from unwrinkle.hardware.wire import Command
+from unwrinkle.hardware import controller_state
+from unwrinkle.hardware.motoros.wire import Command
+from unwrinkle.hardware.run_log.reader import read_run_log
 
 #: Both arms come to rest within so long of each other, s: a queue of increments is at most an interpolation period apart.
 TOGETHER = 0.15
@@ -31,8 +31,10 @@ def faulted(case: Case, rig: Rig, *words: str, most: float = 4.0) -> None:
     Raises:
         Different: there is none in time.
     """
-    rig.until(lambda: rig.state == values.FAULT, most)
-    case.need(rig.state == values.FAULT, "a fault latches", f"{rig.state} {rig.status.reason}")
+    rig.until(lambda: rig.state == controller_state.FAULT, most)
+    case.need(
+        rig.state == controller_state.FAULT, "a fault latches", f"{rig.state} {rig.status.reason}"
+    )
     case.reads(rig.status.reason, *words)
 
 
@@ -56,7 +58,7 @@ def stopped(
         heard: whether the controller still takes notice of what it is sent, if it is connected.
         log: whether there is a run log to read.
     """
-    when = rig.entered(values.FAULT) or rig.now
+    when = rig.entered(controller_state.FAULT) or rig.now
     case.expect(rig.settle(), "the arms rest", np.abs(rig.speed).max())
     apart = np.ptp(rig.rested())
     case.expect(apart <= TOGETHER, "both arms and the turn-table stop together", f"{apart:.3f} s")
@@ -96,7 +98,7 @@ def latched(case: Case, rig: Rig) -> None:
     rig.trajectory = kept
     rig.step(30)
     case.expect(
-        rig.state == values.FAULT
+        rig.state == controller_state.FAULT
         and rig.status.completed < number
         and rig.controller.points == points
         and np.array_equal(rig.controller.positions, before),
@@ -125,7 +127,7 @@ def recovers(case: Case, rig: Rig) -> None:
     """After a reset a new trajectory runs, from where the robot stands and without a jump."""
     trace = len(rig.controller.trace)
     rig.driver.reset()
-    ready = rig.until(lambda: rig.state == values.READY, 3.0)
+    ready = rig.until(lambda: rig.state == controller_state.READY, 3.0)
     case.need(ready, "a reset clears it", f"{rig.state} {rig.status.reason}")
     stands = rig.controller.positions
     number = rig.run(swing(stands, way=-0.5 * (rig.controller.positions + 0.1)))
@@ -174,7 +176,7 @@ def whole_log(case: Case, rig: Rig, *, fault: bool = True) -> None:
         texts = [event.text for event in records.events if event.kind == "fault"]
         case.expect(bool(texts), "the log has the fault", [e.kind for e in records.events][-4:])
         case.expect(
-            any(status.state == values.FAULT for status in records.statuses),
+            any(status.state == controller_state.FAULT for status in records.statuses),
             "and the state it led to",
             reason,
         )

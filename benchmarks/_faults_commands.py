@@ -13,12 +13,12 @@ from unwrinkle.benchmarks import _faults_planning
 from unwrinkle.benchmarks._fault_rows import Case, Row
 from unwrinkle.benchmarks._faults_live import Execution, LiveController
 from unwrinkle.benchmarks._faults_rig import swing
-from unwrinkle.hardware.driver import ControllerDriver
-from unwrinkle.hardware.driver_thread import DriverThread
-from unwrinkle.hardware.run_log import RunLog
-from unwrinkle.hardware.run_log_reader import read_run_log
-from unwrinkle.hardware.values import FAULT, READY
-from unwrinkle.hardware.wire import Command
+from unwrinkle.hardware.controller.driver import ControllerDriver
+from unwrinkle.hardware.controller.thread import DriverThread
+from unwrinkle.hardware.controller_state import FAULT, READY
+from unwrinkle.hardware.motoros.wire import Command
+from unwrinkle.hardware.run_log.reader import read_run_log
+from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.models.loader_yaml import models_dir
 
 

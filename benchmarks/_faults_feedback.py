@@ -8,8 +8,8 @@ import numpy as np
 from unwrinkle.benchmarks import _faults_checks as checks
 from unwrinkle.benchmarks._fault_rows import Case, Row
 from unwrinkle.benchmarks._faults_rig import Rig
-from unwrinkle.hardware import values
-from unwrinkle.simulation.controller_server import ServerFault
+from unwrinkle.hardware import controller_state
+from unwrinkle.simulation.controllers.server import ServerFault
 
 #: Points of the standard motion after which faults begin.
 POINTS = 45
@@ -105,7 +105,7 @@ def no_number(case: Case) -> None:
                 case.folder, ServerFault(kind, axis=AXIS), start=start, name=f"{kind}_first"
             ) as rig:
                 case.expect(not rig.connect(), "never ready", rig.state)
-                case.expect(rig.state == values.FAULT, "a fault latches", rig.state)
+                case.expect(rig.state == controller_state.FAULT, "a fault latches", rig.state)
                 case.reads(rig.status.reason, *words)
                 rig.run()
                 rig.step(100)

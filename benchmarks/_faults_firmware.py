@@ -20,16 +20,16 @@ from unwrinkle.benchmarks._fault_rows import Case, Row
 from unwrinkle.benchmarks._faults_live import Execution, LiveController
 from unwrinkle.benchmarks._faults_rig import WAY, Rig, swing
 from unwrinkle.benchmarks._firmware_increments import run_increments
-from unwrinkle.hardware import values
-from unwrinkle.hardware.clear_queue import clear_queue
-from unwrinkle.hardware.driver import ControllerDriver
-from unwrinkle.hardware.driver_process import DriverProcess
-from unwrinkle.hardware.driver_thread import DriverThread
-from unwrinkle.hardware.values import DriverStatus
-from unwrinkle.hardware.wire import Command
+from unwrinkle.hardware import controller_state
+from unwrinkle.hardware.controller.clear_queue import clear_queue
+from unwrinkle.hardware.controller.driver import ControllerDriver
+from unwrinkle.hardware.controller.process import DriverProcess
+from unwrinkle.hardware.controller.thread import DriverThread
+from unwrinkle.hardware.controller_state import DriverStatus
+from unwrinkle.hardware.motoros.wire import Command
 from unwrinkle.models.errors import HardwareError
-from unwrinkle.simulation.controller_server import ServerFault
-from unwrinkle.simulation.virtual_controller import VirtualControllerSettings
+from unwrinkle.simulation.controllers.controller import VirtualControllerSettings
+from unwrinkle.simulation.controllers.server import ServerFault
 
 #: Moments of a full-speed plan at which the driver's process is killed.
 KILLS = 50
@@ -73,7 +73,7 @@ def _deaths(case: Case) -> None:
                 rig.driver.close()
                 rig.connect()
                 case.expect(
-                    rig.state == values.FAULT and not rig.server.motion,
+                    rig.state == controller_state.FAULT and not rig.server.motion,
                     "no motion connection is made while something is in the queues",
                     rig.state,
                 )
@@ -105,9 +105,9 @@ def _abandoned(case: Case) -> None:
         site = _site(live)
         driver = _Fails(site, cells.cell().limits, lock_directory=case.folder)
         with DriverThread(driver) as thread:
-            thread.wait(lambda status: status.state == values.READY, 5.0)
+            thread.wait(lambda status: status.state == controller_state.READY, 5.0)
             thread.run(1, swing(live.start))
-            thread.wait(lambda status: status.state == values.FAULT, 5.0)
+            thread.wait(lambda status: status.state == controller_state.FAULT, 5.0)
         case.expect(
             Command.STOP_MOTION in live.commands(),
             "it sends a stop before it parts",
@@ -169,7 +169,9 @@ def kills(case: Case, count: int) -> None:
 def _run_and_kill(case: Case, live: LiveController, site: Any, moment: float) -> None:
     """Run the plan's segments at full speed and kill the driver's process once so much of its motion has gone by, s."""
     with DriverProcess(site, cells.cell().limits) as driver:
-        case.need(driver.wait(lambda s: s.state == values.READY, 5.0), "the driver gets ready")
+        case.need(
+            driver.wait(lambda s: s.state == controller_state.READY, 5.0), "the driver gets ready"
+        )
         for number, segment in enumerate(cells.plan().segments, start=1):
             driver.run(number, segment.trajectory, segment.name)
             duration = segment.trajectory.duration
@@ -184,7 +186,7 @@ def _run_and_kill(case: Case, live: LiveController, site: Any, moment: float) ->
 
 
 def _reached(moment: float) -> Callable[[DriverStatus], bool]:
-    return lambda status: status.state == values.RUNNING and status.progress >= moment
+    return lambda status: status.state == controller_state.RUNNING and status.progress >= moment
 
 
 def _completed(number: int) -> Callable[[DriverStatus], bool]:

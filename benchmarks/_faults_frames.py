@@ -6,7 +6,7 @@ import tracemalloc
 import numpy as np
 
 from unwrinkle.benchmarks._fault_rows import Case
-from unwrinkle.hardware.wire import (
+from unwrinkle.hardware.motoros.wire import (
     Command,
     FeedbackBody,
     Framer,

@@ -11,15 +11,15 @@ import numpy as np
 from unwrinkle.benchmarks import _faults_checks as checks
 from unwrinkle.benchmarks._fault_rows import Case, Row
 from unwrinkle.benchmarks._faults_rig import STEP, Disk, Rig
-from unwrinkle.hardware import values
-from unwrinkle.hardware.run_log_reader import read_run_log
+from unwrinkle.hardware import controller_state
+from unwrinkle.hardware.run_log.reader import read_run_log
 from unwrinkle.models.errors import HardwareError
-from unwrinkle.simulation.controller_server import ServerFault
+from unwrinkle.simulation.controllers.server import ServerFault
 
 POINTS = 45
 _OWNER = """
 import dataclasses, sys, time
-from unwrinkle.hardware.driver import ControllerDriver
+from unwrinkle.hardware.controller.driver import ControllerDriver
 from unwrinkle.models.limits import load_limits
 from unwrinkle.models import models_dir
 from unwrinkle.models.site import loopback_site
@@ -61,9 +61,12 @@ def late_loop(case: Case) -> None:
                 burst = rig.controller.points - before
                 case.expect(burst <= 4, "no burst of points", burst)
                 rig.until(
-                    lambda: rig.state == values.FAULT or rig.status.completed >= rig.number, 6.0
+                    lambda: (
+                        rig.state == controller_state.FAULT or rig.status.completed >= rig.number
+                    ),
+                    6.0,
                 )
-                if rig.state == values.FAULT:
+                if rig.state == controller_state.FAULT:
                     case.reads(rig.status.reason)
                     checks.stopped(case, rig, near=checks.NEAR_PATH)
                 else:
@@ -224,7 +227,7 @@ def pressed(case: Case) -> None:
         checks.latched(case, rig)
         case.expect(rig.off_path() <= checks.NEAR_PATH, "the arms stand near their path")
         rig.driver.reset()
-        rig.until(lambda: rig.state == values.READY, 3.0)
+        rig.until(lambda: rig.state == controller_state.READY, 3.0)
         rig.run(old, "the old one")
         rig.until(lambda: bool(rig.status.reason), 3.0)
         case.expect(
@@ -233,7 +236,7 @@ def pressed(case: Case) -> None:
             rig.status.reason,
         )
         case.reads(rig.status.reason, "refused", "plan from where it stands")
-        rig.until(lambda: rig.state == values.READY, 3.0)
+        rig.until(lambda: rig.state == controller_state.READY, 3.0)
         checks.recovers(case, rig)
         case.violations(rig.violations())
         checks.whole_log(case, rig)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.limits import Limits
-from unwrinkle.simulation.track import Track
+from unwrinkle.simulation.arms.track import Track
 
 Array = NDArray[np.float64]
 

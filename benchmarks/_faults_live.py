@@ -15,11 +15,11 @@ import yaml
 from numpy.typing import NDArray
 
 from unwrinkle.benchmarks import _faults_cells as cells
-from unwrinkle.hardware.wire import Command, MessageType, MotionControl
+from unwrinkle.hardware.motoros.wire import Command, MessageType, MotionControl
 from unwrinkle.models.site import Site, loopback_site
-from unwrinkle.simulation.controller_server import ControllerServer, ServerFault
-from unwrinkle.simulation.digital_grippers import VirtualDigitalGrippers
-from unwrinkle.simulation.virtual_controller import VirtualController, VirtualControllerSettings
+from unwrinkle.simulation.controllers.controller import VirtualController, VirtualControllerSettings
+from unwrinkle.simulation.controllers.server import ControllerServer, ServerFault
+from unwrinkle.simulation.devices.digital_grippers import VirtualDigitalGrippers
 
 Array = NDArray[np.float64]
 

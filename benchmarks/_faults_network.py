@@ -9,11 +9,11 @@ import numpy as np
 from unwrinkle.benchmarks import _faults_checks as checks
 from unwrinkle.benchmarks._fault_rows import Case, Row
 from unwrinkle.benchmarks._faults_rig import Rig
-from unwrinkle.hardware import values
-from unwrinkle.hardware.wire import MessageType, Subcode
+from unwrinkle.hardware import controller_state
+from unwrinkle.hardware.motoros.wire import MessageType, Subcode
 from unwrinkle.models.errors import HardwareError
-from unwrinkle.simulation.controller_server import ServerFault
-from unwrinkle.simulation.virtual_controller import VirtualControllerSettings
+from unwrinkle.simulation.controllers.controller import VirtualControllerSettings
+from unwrinkle.simulation.controllers.server import ServerFault
 
 #: Points of the standard motion after which faults begin.
 POINTS = 45
@@ -34,16 +34,23 @@ def refused(case: Case) -> None:
             case.expect(False, "connecting fails", rig.state)
         took = time.monotonic() - clock
         case.expect(took < rig.site.connect_timeout + 1.0, "within the deadline", f"{took:.2f} s")
-        case.expect(rig.state in (values.OFFLINE, values.FAULT), "no motion state", rig.state)
+        case.expect(
+            rig.state in (controller_state.OFFLINE, controller_state.FAULT),
+            "no motion state",
+            rig.state,
+        )
         rig.run()
         case.expect(
-            rig.state in (values.OFFLINE, values.FAULT) and rig.status.completed == 0,
+            rig.state in (controller_state.OFFLINE, controller_state.FAULT)
+            and rig.status.completed == 0,
             "a trajectory is refused",
             rig.state,
         )
     with Rig(case.folder, site={"motion_port": _deaf_port()}, name="wrong") as rig:
         ready = rig.connect()
-        case.expect(not ready and rig.state == values.FAULT, "one wrong port is enough", rig.state)
+        case.expect(
+            not ready and rig.state == controller_state.FAULT, "one wrong port is enough", rig.state
+        )
         case.reads(rig.status.reason, f":{rig.site.motion_port}", "cannot connect")
 
 
@@ -91,7 +98,10 @@ def half_open(case: Case) -> None:
                 case.need(begun is not None, "the peer fell silent")
                 assert begun is not None
                 silence = 100.0 + begun  # the rig's clock begins there
-                hold, fault = (rig.since(s, silence) for s in (values.HOLDING, values.FAULT))
+                hold, fault = (
+                    rig.since(s, silence)
+                    for s in (controller_state.HOLDING, controller_state.FAULT)
+                )
                 period = rig.site.feedback_period
                 if kind == "silent_state":
                     low, high = rig.site.hold_after - period, rig.site.hold_after + 2 * period
@@ -144,7 +154,7 @@ def reordered(case: Case) -> None:
                     if feedback is not None and feedback.stamp is not None:
                         stamps.append(feedback.stamp)
                     ages.append(rig.status.feedback_age)
-                    return rig.status.completed >= number or rig.state == values.FAULT
+                    return rig.status.completed >= number or rig.state == controller_state.FAULT
 
                 rig.until(done, 8.0)
                 checks.completed(case, rig, number, "the motion runs to its end")
@@ -196,7 +206,7 @@ def replies(case: Case) -> None:
     with Rig(case.folder, ServerFault("start_mismatch"), name="start") as rig:
         case.need(rig.connect(), "the driver gets ready", rig.status.reason)
         rig.run()
-        rig.until(lambda: rig.state == values.FAULT or bool(rig.status.reason), 3.0)
+        rig.until(lambda: rig.state == controller_state.FAULT or bool(rig.status.reason), 3.0)
         case.reads(rig.status.reason, "where the robot is commanded to stand")
         case.expect(
             np.array_equal(rig.controller.positions, rig.start), "nothing has moved", rig.state
@@ -228,7 +238,9 @@ def handshake(case: Case) -> None:
         with Rig(case.folder, site={"profile": profile}, settings=settings, name=name) as rig:
             if rig.connect(most=4.0):
                 rig.run()
-                rig.until(lambda: rig.state == values.FAULT or bool(rig.status.reason), 3.0)
+                rig.until(
+                    lambda: rig.state == controller_state.FAULT or bool(rig.status.reason), 3.0
+                )
             case.reads(rig.status.reason)
             case.expect(
                 rig.status.reason != "" and np.array_equal(rig.controller.positions, rig.start),
@@ -256,7 +268,7 @@ def slow(case: Case) -> None:
         checks.faulted(case, rig)
         # What is in the sockets cannot be taken back: one point of each group, and the stop after it.
         rig.step(500)
-        late = rig.points_after(rig.entered(values.FAULT) or 0.0)
+        late = rig.points_after(rig.entered(controller_state.FAULT) or 0.0)
         case.expect(late <= 3, "only the one point that was on its way arrives late", late)
         checks.stopped(case, rig, near=checks.NEAR_PATH, grace=3.0)
         waiting = max((link.waiting for link in rig.driver.links.values()), default=0)

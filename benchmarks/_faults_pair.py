@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from pydrake.common.value import Value
 
 from unwrinkle.benchmarks import _faults_cells as cells
-from unwrinkle.perception.head import Gaze, StereoHead
-from unwrinkle.perception.head_file import nominal_calibration
-from unwrinkle.simulation.garments import Ridge, Towel
-from unwrinkle.systems.ports import HeadImage
-from unwrinkle.systems.results import Perceived
-from unwrinkle.systems.stereo_perception import StereoPerception
+from unwrinkle.flattening.messages import Perceived
+from unwrinkle.flattening.station_messages import HeadImage
+from unwrinkle.perception.stereo.head import Gaze, StereoHead
+from unwrinkle.perception.stereo.head_file import nominal_calibration
+from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
+from unwrinkle.systems.perception.stereo import StereoPerception
 
 Image = NDArray[np.uint8]
 

@@ -9,17 +9,17 @@ from unwrinkle.benchmarks import _faults_cells as cells
 from unwrinkle.benchmarks._fault_rows import Case, Row
 from unwrinkle.benchmarks._faults_station import LoopRun, Script, run_loop, towel_capture
 from unwrinkle.benchmarks._plan_tasks import flattening_task
+from unwrinkle.flattening import state
 from unwrinkle.models.errors import InputError, NoSafePlanError
 from unwrinkle.models.robot import load_cell
-from unwrinkle.perception.depth_file import Capture
-from unwrinkle.planning.joint_lines import time_line
+from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.planning.plan import FlatteningPlan
-from unwrinkle.planning.planner import FlatteningPlanner
-from unwrinkle.planning.time_law import JointPath, PathLimits, time_paths
-from unwrinkle.planning.verification import verify
-from unwrinkle.simulation.garments import Ridge, Towel
-from unwrinkle.simulation.track import Track
-from unwrinkle.systems import supervisor_state
+from unwrinkle.planning.search.planner import FlatteningPlanner
+from unwrinkle.planning.timing.path_timing import JointPath, PathLimits, time_paths
+from unwrinkle.planning.timing.straight_lines import time_line
+from unwrinkle.planning.verification.verifier import verify
+from unwrinkle.simulation.arms.track import Track
+from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
 
 Array = NDArray[np.float64]
 
@@ -60,14 +60,14 @@ def infeasible(case: Case) -> None:
         "one arm does it instead",
         run.sent,
     )
-    case.expect(run.end.status == supervisor_state.FLAT, "and the loop ends flat", run.end.status)
+    case.expect(run.end.status == state.FLAT, "and the loop ends flat", run.end.status)
 
     run = _far_towel(case, -2.6)
     arms = [item.arms for item in run.end.action.refusals]
     case.expect(
         arms == ["dual", "single"], "where neither can, both refusals are counted, one each", arms
     )
-    case.expect(run.end.status == supervisor_state.STOPPED, "then the loop stops", run.end.status)
+    case.expect(run.end.status == state.STOPPED, "then the loop stops", run.end.status)
     case.expect(run.sent == (), "nothing was sent", run.sent)
     case.expect(np.array_equal(run.stands, run.start), "the arms stand where they stood")
     case.reads(run.end.reason, "no motion for any", "dual", "single")

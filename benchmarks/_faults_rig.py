@@ -22,22 +22,22 @@ from numpy.typing import NDArray
 
 from unwrinkle.benchmarks._faults_cells import cell
 from unwrinkle.benchmarks._faults_limits import SentPoints, limit_violations
-from unwrinkle.hardware import values
-from unwrinkle.hardware.driver import ControllerDriver
-from unwrinkle.hardware.link import TcpLink
-from unwrinkle.hardware.run_log import RunLog
-from unwrinkle.hardware.values import DriverStatus
-from unwrinkle.hardware.wire import MessageType, MotionControl
+from unwrinkle.hardware import controller_state
+from unwrinkle.hardware.controller.driver import ControllerDriver
+from unwrinkle.hardware.controller_state import DriverStatus
+from unwrinkle.hardware.motoros.link import TcpLink
+from unwrinkle.hardware.motoros.wire import MessageType, MotionControl
+from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.models.site import ControllerSite, loopback_site
 from unwrinkle.planning.trajectory import AXES, Trajectory
-from unwrinkle.simulation.controller_server import ControllerServer, ServerFault
-from unwrinkle.simulation.virtual_controller import (
+from unwrinkle.simulation.controllers.controller import (
     GROUP_AXES,
     AcceptedPoint,
     VirtualController,
     VirtualControllerSettings,
 )
-from unwrinkle.systems.lockstep import MOST_ANSWERS
+from unwrinkle.simulation.controllers.server import ControllerServer, ServerFault
+from unwrinkle.systems.station.lockstep import MOST_ANSWERS
 
 Array = NDArray[np.float64]
 
@@ -243,8 +243,8 @@ class Rig:
     def connect(self, most: float = 3.0) -> bool:
         """Connect the driver and wait until it is ready or in fault; whether it is ready."""
         self.driver.connect()
-        self.until(lambda: self.state in (values.READY, values.FAULT), most)
-        return self.state == values.READY
+        self.until(lambda: self.state in (controller_state.READY, controller_state.FAULT), most)
+        return self.state == controller_state.READY
 
     def run(self, trajectory: Trajectory | None = None, name: str = "swing") -> int:
         """Run a trajectory, the standard one if left out; its number."""
@@ -270,8 +270,11 @@ class Rig:
         self.until(
             lambda: (
                 self.status.completed >= number
-                or self.state == values.FAULT
-                or (self.state in (values.READY, values.HELD) and bool(self.status.reason))
+                or self.state == controller_state.FAULT
+                or (
+                    self.state in (controller_state.READY, controller_state.HELD)
+                    and bool(self.status.reason)
+                )
             ),
             most,
         )
@@ -282,12 +285,12 @@ class Rig:
         return (
             self.until(
                 lambda: (
-                    (self.status.progress >= progress and self.state == values.RUNNING)
-                    or self.state == values.FAULT
+                    (self.status.progress >= progress and self.state == controller_state.RUNNING)
+                    or self.state == controller_state.FAULT
                 ),
                 8.0,
             )
-            and self.state != values.FAULT
+            and self.state != controller_state.FAULT
         )
 
     def settle(self, most: float = 3.0) -> bool:

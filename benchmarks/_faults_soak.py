@@ -11,10 +11,10 @@ import numpy as np
 from unwrinkle.benchmarks import _faults_checks as checks
 from unwrinkle.benchmarks._fault_rows import Case, Different
 from unwrinkle.benchmarks._faults_rig import Rig, swing
-from unwrinkle.hardware import values
-from unwrinkle.hardware.wire import Subcode
-from unwrinkle.simulation.controller_server import ServerFault
-from unwrinkle.simulation.virtual_controller import VirtualControllerSettings
+from unwrinkle.hardware import controller_state
+from unwrinkle.hardware.motoros.wire import Subcode
+from unwrinkle.simulation.controllers.controller import VirtualControllerSettings
+from unwrinkle.simulation.controllers.server import ServerFault
 
 #: What a cycle must come to.
 FAULTED, COMPLETED = "fault", "completed"
@@ -244,13 +244,15 @@ def _drive(
     last = number
     while rig.now < end:
         rig.step()
-        if rig.state == values.FAULT:
+        if rig.state == controller_state.FAULT:
             return FAULTED
-        if rig.state == values.READY and rig.status.completed >= last:
+        if rig.state == controller_state.READY and rig.status.completed >= last:
             return COMPLETED
         if rig.controller.points >= strike:
             # At the beginning of a motion the points are not the whole lead ahead yet.
-            running = rig.state == values.RUNNING and rig.now - rig.states[-1][0] > _LEAD_BUILT
+            running = (
+                rig.state == controller_state.RUNNING and rig.now - rig.states[-1][0] > _LEAD_BUILT
+            )
             if pending["sleep"] and running:
                 rig.sleep(pending["sleep"])
                 pending["sleep"] = 0.0
@@ -261,10 +263,10 @@ def _drive(
                 pending["dies"] = 0.0
             if pending["disk"]:
                 rig.disk.full, pending["disk"] = True, 0.0
-        if rig.state == values.HELD:
+        if rig.state == controller_state.HELD:
             if rng.uniform() < 0.05:
                 last = rig.resume()
-        elif rig.state == values.RUNNING and rng.uniform() < 0.012:
+        elif rig.state == controller_state.RUNNING and rng.uniform() < 0.012:
             result.changes += 1
             if rng.uniform() < 0.3 and result.changes < 12 and not pending["sleep"]:
                 rig.hold()

@@ -12,16 +12,16 @@ from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, Diagram, LeafSystem, State
 
+from unwrinkle.flattening import station_messages
+from unwrinkle.flattening.state import Situation
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import load_scenario
 from unwrinkle.perception.camera import Camera
-from unwrinkle.perception.depth_file import Capture
-from unwrinkle.perception.head_file import nominal_calibration
-from unwrinkle.simulation.garments import Towel, capture_of, overhead_pose
-from unwrinkle.systems import ports
-from unwrinkle.systems.flattening_diagram import build_flattening_diagram, situation
+from unwrinkle.perception.depth.capture import Capture
+from unwrinkle.perception.stereo.head_file import nominal_calibration
+from unwrinkle.simulation.rendering.synthetic_towel import Towel, capture_of, overhead_pose
+from unwrinkle.systems.diagram import build_flattening_diagram, situation
 from unwrinkle.systems.held import held, hold, model
-from unwrinkle.systems.supervisor_state import Situation
 
 Array = NDArray[np.float64]
 #: What the depth camera gives at the n-th exposure (from 1); an exception's text becomes the reason.
@@ -74,12 +74,16 @@ def _no_camera(number: int) -> Capture:
 class _World:
     q: Array
     v: Array
-    status: ports.ControllerStatus = field(default_factory=ports.ControllerStatus)
-    running: ports.TrajectoryCommand = field(default_factory=ports.TrajectoryCommand)
+    status: station_messages.ControllerStatus = field(
+        default_factory=station_messages.ControllerStatus
+    )
+    running: station_messages.TrajectoryCommand = field(
+        default_factory=station_messages.TrajectoryCommand
+    )
     began: float = 0.0
-    grip: ports.GripperStatus = field(default_factory=ports.GripperStatus)
+    grip: station_messages.GripperStatus = field(default_factory=station_messages.GripperStatus)
     closings: int = 0
-    picture: ports.DepthImage = field(default_factory=ports.DepthImage)
+    picture: station_messages.DepthImage = field(default_factory=station_messages.DepthImage)
 
 
 class ScriptedStation(LeafSystem):
@@ -92,19 +96,27 @@ class ScriptedStation(LeafSystem):
         self._state = self.DeclareAbstractState(model(_World(start, np.zeros_like(start))))
         self.DeclarePeriodicUnrestrictedUpdateEvent(_PERIOD, _OFF_BEAT, self._update)
         for name, example in (
-            ("trajectory", ports.TrajectoryCommand()),
-            ("gripper.command", ports.GripperCommand()),
-            ("head.command", ports.HeadCommand()),
+            ("trajectory", station_messages.TrajectoryCommand()),
+            ("gripper.command", station_messages.GripperCommand()),
+            ("head.command", station_messages.HeadCommand()),
         ):
             self.DeclareAbstractInputPort(name, Value(example))
         self.DeclareVectorInputPort("speed_override", 1)
         ticket = {self.abstract_state_ticket(self._state)}
         values: tuple[tuple[str, Any, Callable[[_World], Any]], ...] = (
-            ("controller.status", ports.ControllerStatus(), lambda w: w.status),
-            ("gripper.status", ports.GripperStatus(), lambda w: w.grip),
-            ("head.left_image", ports.HeadImage(), lambda w: ports.HeadImage()),
-            ("head.right_image", ports.HeadImage(), lambda w: ports.HeadImage()),
-            ("depth_camera.image", ports.DepthImage(), lambda w: w.picture),
+            ("controller.status", station_messages.ControllerStatus(), lambda w: w.status),
+            ("gripper.status", station_messages.GripperStatus(), lambda w: w.grip),
+            (
+                "head.left_image",
+                station_messages.HeadImage(),
+                lambda w: station_messages.HeadImage(),
+            ),
+            (
+                "head.right_image",
+                station_messages.HeadImage(),
+                lambda w: station_messages.HeadImage(),
+            ),
+            ("depth_camera.image", station_messages.DepthImage(), lambda w: w.picture),
         )
         for name, example, part in values:
             self.DeclareAbstractOutputPort(
@@ -129,35 +141,39 @@ class ScriptedStation(LeafSystem):
         now = context.get_time()
         world = self._moved(world, self.GetInputPort("trajectory").Eval(context), now)
         world = self._gripped(world, self.GetInputPort("gripper.command").Eval(context))
-        head: ports.HeadCommand = self.GetInputPort("head.command").Eval(context)
+        head: station_messages.HeadCommand = self.GetInputPort("head.command").Eval(context)
         if head.number > world.picture.number and head.number not in self.script.dark:
             world = dc.replace(world, picture=self._exposed(head.number, now))
         hold(state, self._state, world)
 
-    def _moved(self, world: _World, command: ports.TrajectoryCommand, now: float) -> _World:
+    def _moved(
+        self, world: _World, command: station_messages.TrajectoryCommand, now: float
+    ) -> _World:
         script = self.script
         if command.number > world.status.command:
             script.sent.append(command.name)
             script.posture.append(world.q)
-            status = ports.ControllerStatus(ports.RUNNING, command.number, world.status.completed)
+            status = station_messages.ControllerStatus(
+                station_messages.RUNNING, command.number, world.status.completed
+            )
             if command.trajectory is None:
-                status = dc.replace(status, state=ports.HOLDING)
+                status = dc.replace(status, state=station_messages.HOLDING)
             world = dc.replace(world, status=status, running=command, began=now)
         moving = world.running.trajectory
-        if world.status.state != ports.RUNNING or moving is None:
+        if world.status.state != station_messages.RUNNING or moving is None:
             return dc.replace(world, v=np.zeros(13))
         t = min(now - world.began, moving.duration)
         motion = moving.interpolant()
         world = dc.replace(world, q=motion(t), v=motion(t, 1))
         if t >= moving.duration:
             number = world.running.number
-            done = ports.ControllerStatus(ports.IDLE, number, number)
+            done = station_messages.ControllerStatus(station_messages.IDLE, number, number)
             return dc.replace(world, status=done, v=np.zeros(13))
         if script.lost_at and world.running.name == script.lost_at and t > 0.5 * moving.duration:
             world = dc.replace(world, grip=dc.replace(world.grip, holding=(False, False)))
         return world
 
-    def _gripped(self, world: _World, command: ports.GripperCommand) -> _World:
+    def _gripped(self, world: _World, command: station_messages.GripperCommand) -> _World:
         script = self.script
         if command.number <= world.grip.command or command.number in script.deaf:
             return world
@@ -169,16 +185,18 @@ class ScriptedStation(LeafSystem):
             script.no_close.get(closings, (False, False)) if any(command.closed) else (True,) * 2
         )
         holding = tuple(c and not e for c, e in zip(command.closed, empty, strict=True))
-        grip = ports.GripperStatus(
+        grip = station_messages.GripperStatus(
             command.number, (0.0, 0.0), command.closed, (holding[0], holding[1])
         )
         return dc.replace(world, grip=grip, closings=closings)
 
-    def _exposed(self, number: int, now: float) -> ports.DepthImage:
+    def _exposed(self, number: int, now: float) -> station_messages.DepthImage:
         try:
-            return ports.DepthImage(number, self.script.look(number), now)
+            return station_messages.DepthImage(number, self.script.look(number), now)
         except Exception as error:  # noqa: BLE001  what a camera's driver may raise
-            return ports.DepthImage(number, None, now, f"{type(error).__name__}: {error}")
+            return station_messages.DepthImage(
+                number, None, now, f"{type(error).__name__}: {error}"
+            )
 
 
 @dataclass(frozen=True, eq=False)

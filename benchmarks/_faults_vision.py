@@ -14,15 +14,15 @@ from unwrinkle.benchmarks._faults_station import (
     run_loop,
     towel_capture,
 )
+from unwrinkle.flattening import policy, state
+from unwrinkle.flattening.station_messages import HeadImage
 from unwrinkle.models.scenario import LoopSettings
-from unwrinkle.perception.analysis import Analysis, analyse
-from unwrinkle.perception.capture import range_map_from_capture
-from unwrinkle.perception.depth_file import Capture
+from unwrinkle.perception.depth.capture import Capture
+from unwrinkle.perception.depth.range_mapping import range_map_from_capture
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.target import FlatteningTarget
-from unwrinkle.simulation.garments import Ridge, Towel
-from unwrinkle.systems import judgement, supervisor_state
-from unwrinkle.systems.ports import HeadImage
+from unwrinkle.perception.wrinkles.analysis import Analysis, analyse
+from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
 
 _CENTRE = (0.0, -1.10)
 _RIDGE = Ridge((-0.02, -1.10), 1.25, 0.021, 0.0125, 0.30)
@@ -45,14 +45,14 @@ def drop_out(case: Case) -> None:
         raise TimeoutError("no frame within 20 s")
 
     run = run_loop(Script(raising))
-    case.expect(len(looks) == judgement.BLIND_LOOKS, "the attempts are bounded", len(looks))
-    case.expect(run.end.status == supervisor_state.STOPPED, "then the loop stops", run.end.status)
+    case.expect(len(looks) == policy.BLIND_LOOKS, "the attempts are bounded", len(looks))
+    case.expect(run.end.status == state.STOPPED, "then the loop stops", run.end.status)
     _nothing_moved(case, run)
     case.reads(run.end.reason, "nothing usable seen", "no frame within 20 s")
 
     run = run_loop(Script(raising, dark=frozenset(range(1, 9))))
     case.expect(
-        run.end.status == supervisor_state.STOPPED and run.duration < 100.0,
+        run.end.status == state.STOPPED and run.duration < 100.0,
         "a camera that never answers ends the loop in bounded time",
         (run.end.status, run.duration),
     )
@@ -66,7 +66,7 @@ def drop_out(case: Case) -> None:
 
     run = run_loop(Script(once))
     case.expect(
-        run.end.status == supervisor_state.FLAT and run.end.head.number == 2,
+        run.end.status == state.FLAT and run.end.head.number == 2,
         "a single drop-out is looked at again",
         (run.end.status, run.end.head.number),
     )
@@ -153,9 +153,7 @@ def spoiled_depth(case: Case) -> None:
         ("70 % NaN", with_depth(holes(0.7, np.nan)), ("insufficient view",)),
     ):
         run = run_loop(Script(look))
-        case.expect(
-            run.end.status == supervisor_state.STOPPED, f"{name}: no action", run.end.status
-        )
+        case.expect(run.end.status == state.STOPPED, f"{name}: no action", run.end.status)
         _nothing_moved(case, run)
         case.reads(run.end.reason, *words)
     for name, value in (("zero", 0.0), ("NaN", np.nan), ("infinite", np.inf)):
@@ -184,9 +182,7 @@ def nothing_to_grasp(case: Case) -> None:
             return towel_capture(towel, seed=case.seed + number)
 
         run = run_loop(Script(look), cell=cell)
-        case.expect(
-            run.end.status == supervisor_state.STOPPED, f"{name}: the loop stops", run.end.status
-        )
+        case.expect(run.end.status == state.STOPPED, f"{name}: the loop stops", run.end.status)
         _nothing_moved(case, run)
         case.reads(run.end.reason, *words)
 
@@ -203,15 +199,13 @@ def nothing_to_grasp(case: Case) -> None:
         sensor="stereo",
     )
     analysis = analyse(seen)
-    decision = judgement.decide(
-        judgement.sight_of(analysis), judgement.Memory(looks=1), LoopSettings()
-    )
+    decision = policy.decide(policy.sight_of(analysis), policy.Memory(looks=1), LoopSettings())
     case.expect(
-        isinstance(decision, judgement.Stop) and not decision.flat,
+        isinstance(decision, policy.Stop) and not decision.flat,
         "a garment that lies mostly beyond the edge is not worked on",
         decision,
     )
-    case.reads(decision.reason if isinstance(decision, judgement.Stop) else "", "beyond the table")
+    case.reads(decision.reason if isinstance(decision, policy.Stop) else "", "beyond the table")
     targets = [analysis.target_for(index) for index in range(len(analysis.wrinkles))]
     half = 0.5 * np.array(analysis.table.size)
     outside = [
@@ -237,7 +231,7 @@ def nothing_to_grasp(case: Case) -> None:
         run = run_loop(Script(over), cell=cell)
         _nothing_moved(case, run)
         case.expect(
-            run.end.status == supervisor_state.STOPPED,
+            run.end.status == state.STOPPED,
             f"a garment {name} is not called flat",
             f"{run.end.status}: {run.end.reason}",
         )
@@ -250,15 +244,15 @@ def already_flat(case: Case) -> None:
     for thickness in _LAYERS:
         for seed in range(case.seed, case.seed + _SEEDS):
             flat = Towel((), _CENTRE, thickness=thickness, seed=seed)
-            sight = judgement.sight_of(_analysed(towel_capture(flat, sigma=0.0003, seed=seed)))
-            decision = judgement.decide(sight, judgement.Memory(looks=1), LoopSettings())
-            pulled += isinstance(decision, judgement.Pull)
+            sight = policy.sight_of(_analysed(towel_capture(flat, sigma=0.0003, seed=seed)))
+            decision = policy.decide(sight, policy.Memory(looks=1), LoopSettings())
+            pulled += isinstance(decision, policy.Pull)
     total = len(_LAYERS) * _SEEDS
     case.expect(pulled == 0, f"{total} flat towels with noise: {pulled} false wrinkles", pulled)
     run = run_loop(
         Script(lambda n: towel_capture(dc.replace(_TOWEL, ridges=()), sigma=0.0003, seed=n))
     )
-    case.expect(run.end.status == supervisor_state.FLAT, "the loop calls it flat", run.end.status)
+    case.expect(run.end.status == state.FLAT, "the loop calls it flat", run.end.status)
     _nothing_moved(case, run)
     case.reads(run.end.reason, "flat")
 

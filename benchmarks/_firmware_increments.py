@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from unwrinkle.benchmarks import _faults_cells as cells
 from unwrinkle.benchmarks._faults_rig import Rig
-from unwrinkle.planning.sent import as_sent
+from unwrinkle.planning.sent_samples import as_sent
 from unwrinkle.planning.trajectory import Trajectory
-from unwrinkle.simulation.virtual_controller import VirtualControllerSettings
+from unwrinkle.simulation.controllers.controller import VirtualControllerSettings
 
 Array = NDArray[np.float64]
 

@@ -18,6 +18,22 @@ from unwrinkle.models.loader_yaml import models_dir
 from unwrinkle.planning.plan import FlatteningPlan
 
 _RECORD = "bench.json"
+_FOLDERS = (
+    "unwrinkle",
+    *(
+        f"unwrinkle.{name}"
+        for name in (
+            "benchmarks",
+            "flattening",
+            "hardware",
+            "models",
+            "perception",
+            "planning",
+            "simulation",
+            "systems",
+        )
+    ),
+)
 _ENDED = (0, 3)  # exit codes of a run that came to its own end
 
 
@@ -119,8 +135,8 @@ def flatten(root: Path, name: str, options: tuple[str, ...]) -> Run:
 def source_digest() -> str:
     """SHA-256 over every source and model file of the package: results of other code do not count."""
     roots = {models_dir()}
-    for name in ("", ".benchmarks", ".perception", ".planning", ".simulation", ".systems"):
-        spec = importlib.util.find_spec(f"unwrinkle{name}")
+    for name in _FOLDERS:
+        spec = importlib.util.find_spec(name)
         roots.update(Path(path) for path in (spec and spec.submodule_search_locations) or ())
     digest = hashlib.sha256()
     for root in sorted(roots):

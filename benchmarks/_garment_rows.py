@@ -14,11 +14,11 @@ from unwrinkle.models.archive import save_archive
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.scenario import Scenario, load_scenario
-from unwrinkle.perception.targeting import TableTop
-from unwrinkle.simulation.cloth import Cloth, ClothError, ClothState
-from unwrinkle.simulation.cloth_measures import measure
-from unwrinkle.systems.simulated_world import simulated_cloth
-from unwrinkle.systems.true_range_map import true_range_map
+from unwrinkle.perception.wrinkles.targeting import TableTop
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothError, ClothState
+from unwrinkle.simulation.cloth.measures import measure
+from unwrinkle.systems.perception.true_range_map import true_range_map
+from unwrinkle.systems.station.world import simulated_cloth
 
 OURS, TOGETHER = "ours", "together"
 #: Ways of the closed loop: what they change in its rules.

@@ -14,18 +14,18 @@ from unwrinkle.benchmarks._loop_rows import VERTICES
 from unwrinkle.benchmarks._rows import Row
 from unwrinkle.models.archive import save_archive
 from unwrinkle.models.robot import Cell, load_cell
-from unwrinkle.perception.analysis import Analysis, analyse
-from unwrinkle.perception.grasp_proposal import (
+from unwrinkle.perception.wrinkles.analysis import Analysis, analyse
+from unwrinkle.perception.wrinkles.grasp_proposal import (
     GraspProposal,
     NoGrasp,
     across_direction,
     propose_grasp,
 )
-from unwrinkle.planning.pinch import NoPinch, PinchPlan, PinchPlanner
-from unwrinkle.simulation.cloth import Cloth, ClothError, ClothState
-from unwrinkle.simulation.cloth_measures import measure
-from unwrinkle.simulation.pinch_grasp import Catch, Lift, catch, lift
-from unwrinkle.systems.true_range_map import true_range_map
+from unwrinkle.planning.primitives.pinch import NoPinch, PinchPlan, PinchPlanner
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothError, ClothState
+from unwrinkle.simulation.cloth.measures import measure
+from unwrinkle.simulation.cloth.pinch_grasp import Catch, Lift, catch, lift
+from unwrinkle.systems.perception.true_range_map import true_range_map
 
 OURS = "wrinkledness"
 CHOICES = (OURS, "largest wrinkle", "highest point", "random point")

@@ -7,9 +7,9 @@ import numpy as np
 
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.robot import Cell
-from unwrinkle.simulation import wrinkle_makers
-from unwrinkle.simulation.cloth import Cloth, ClothState, Support
-from unwrinkle.simulation.outlines import outline
+from unwrinkle.simulation.cloth import initial_states
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothState, Support
+from unwrinkle.simulation.cloth.outlines import outline
 
 NODES = 80  # along the longer side
 
@@ -64,12 +64,12 @@ def start_of(kind: GraspState, cloth: Cloth, cell: Cell, seed: int, file: Path) 
         return ClothState.load(file)
     centre = (cell.scenario.garment_centre[0], cell.scenario.garment_centre[1])
     if kind.start == "ridge":
-        state = wrinkle_makers.start_state(cloth, "ridge", centre, seed)
+        state = initial_states.start_state(cloth, "ridge", centre, seed)
     elif kind.start == "dropped":
-        state = wrinkle_makers.dropped(cloth, centre, seed)
+        state = initial_states.dropped(cloth, centre, seed)
     else:
         assert kind.pinches is not None
-        maker = {"bunched": wrinkle_makers.bunched, "pinched": wrinkle_makers.pinched}[kind.start]
+        maker = {"bunched": initial_states.bunched, "pinched": initial_states.pinched}[kind.start]
         state = maker(cloth, centre, seed, kind.pinches)
     state.save(file)
     return state

@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from unwrinkle.models.robot import load_cell
+from unwrinkle.models.transforms import inverse, transformed
 from unwrinkle.perception.camera import Camera
-from unwrinkle.perception.gaze import in_steps, ray
-from unwrinkle.perception.head import Gaze, StereoHead
-from unwrinkle.perception.head_file import nominal_head
-from unwrinkle.perception.pose import inverse, transformed
-from unwrinkle.simulation.garments import wrinkled_towel
-from unwrinkle.simulation.image_noise import photograph_pair
-from unwrinkle.simulation.meshes import towel_mesh
-from unwrinkle.simulation.pan_tilt import VirtualPanTilt
-from unwrinkle.simulation.rendering import Renderer
+from unwrinkle.perception.gaze.vergence import in_steps, ray
+from unwrinkle.perception.stereo.head import Gaze, StereoHead
+from unwrinkle.perception.stereo.head_file import nominal_head
+from unwrinkle.simulation.devices.pan_tilt import VirtualPanTilt
+from unwrinkle.simulation.rendering.image_noise import photograph_pair
+from unwrinkle.simulation.rendering.meshes import towel_mesh
+from unwrinkle.simulation.rendering.renderer import Renderer
+from unwrinkle.simulation.rendering.synthetic_towel import wrinkled_towel
 
 _PROBE = Camera("probe", 33, 33, 400.0, 400.0, 16.0, 16.0)
 

@@ -10,20 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 
+from unwrinkle.flattening import state as states
+from unwrinkle.flattening.state import Action, Situation
 from unwrinkle.models.archive import save_archive
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.scenario import Scenario, load_scenario, with_sensor
-from unwrinkle.perception.head_file import nominal_calibration
-from unwrinkle.perception.warm_up import ensure_compiled
-from unwrinkle.simulation import wrinkle_makers
-from unwrinkle.simulation.cloth import Cloth, ClothState
-from unwrinkle.simulation.cloth_measures import TruthMeasures, measure
-from unwrinkle.systems import supervisor_state as states
-from unwrinkle.systems.flattening_diagram import build_flattening_diagram, situation
-from unwrinkle.systems.sim_station import build_sim_station
-from unwrinkle.systems.simulated_world import simulated_cloth
-from unwrinkle.systems.supervisor_state import Action, Situation
+from unwrinkle.perception.stereo.compile_cache import ensure_compiled
+from unwrinkle.perception.stereo.head_file import nominal_calibration
+from unwrinkle.simulation.cloth import initial_states
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
+from unwrinkle.simulation.cloth.measures import TruthMeasures, measure
+from unwrinkle.systems.diagram import build_flattening_diagram, situation
+from unwrinkle.systems.station.simulated import build_sim_station
+from unwrinkle.systems.station.world import simulated_cloth
 
 #: A garment whose highest point is no higher than this above flat is flat in truth, m (the published halt, 0.5 cm).
 FLAT = 0.005
@@ -32,10 +32,10 @@ _MOST_PERIODS = 400_000
 VERTICES = "vertices.npz"
 
 _STARTS: dict[str, Callable[..., ClothState]] = {
-    "ridge": wrinkle_makers.ridge,
-    "bunched": wrinkle_makers.bunched,
-    "pinched": wrinkle_makers.pinched,
-    "dropped": wrinkle_makers.dropped,
+    "ridge": initial_states.ridge,
+    "bunched": initial_states.bunched,
+    "pinched": initial_states.pinched,
+    "dropped": initial_states.dropped,
 }
 
 

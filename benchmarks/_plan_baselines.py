@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.benchmarks._drake_ik import DrakeInverseKinematics
 from unwrinkle.benchmarks._sectioned_ruckig import sectioned_ruckig_time
+from unwrinkle.benchmarks._toppra_bound import jerk_free_time
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import FlatteningTarget
-from unwrinkle.planning.collision import CollisionModel
-from unwrinkle.planning.joint_lines import time_line
-from unwrinkle.planning.kinematics import Kinematics
-from unwrinkle.planning.optimum import jerk_free_time
-from unwrinkle.planning.oracle import DrakeInverseKinematics
-from unwrinkle.planning.planner import FlatteningPlanner
-from unwrinkle.planning.poses import POSES
-from unwrinkle.planning.search import Motion, MotionSearch
-from unwrinkle.planning.settings import PlannerSettings
+from unwrinkle.planning.robot.collision import CollisionModel
+from unwrinkle.planning.robot.kinematics import Kinematics
+from unwrinkle.planning.search.key_poses import POSES
+from unwrinkle.planning.search.motion_search import Motion, MotionSearch
+from unwrinkle.planning.search.planner import FlatteningPlanner
+from unwrinkle.planning.search.settings import PlannerSettings
+from unwrinkle.planning.timing.straight_lines import time_line
 
 Array = NDArray[np.float64]
 

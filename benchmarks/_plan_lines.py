@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.robot import Cell
-from unwrinkle.planning.joint_lines import time_line
-from unwrinkle.planning.planner import PlanResult
-from unwrinkle.planning.sampling import sampling_period, sent_ratios
-from unwrinkle.planning.sent import as_sent
-from unwrinkle.planning.settings import PlannerSettings
+from unwrinkle.planning.search.planner import PlanResult
+from unwrinkle.planning.search.settings import PlannerSettings
+from unwrinkle.planning.sent_samples import as_sent
+from unwrinkle.planning.timing.sampling import sampling_period, sent_ratios
+from unwrinkle.planning.timing.straight_lines import time_line
 from unwrinkle.planning.trajectory import Trajectory
 
 Array = NDArray[np.float64]

@@ -9,15 +9,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.transforms import Pose, inverse, transformed, turn
 from unwrinkle.perception.features import Template, template, view
-from unwrinkle.perception.head_file import nominal_head
-from unwrinkle.perception.pose import Pose, inverse, transformed, turn
-from unwrinkle.perception.visual_search import Instance, search
-from unwrinkle.simulation.garments import Ridge, Towel
-from unwrinkle.simulation.image_noise import oversized, photograph
-from unwrinkle.simulation.meshes import rectangle_mesh, towel_mesh
-from unwrinkle.simulation.rendering import Renderer
-from unwrinkle.simulation.textures import Texture
+from unwrinkle.perception.gaze.visual_search import Instance, search
+from unwrinkle.perception.stereo.head_file import nominal_head
+from unwrinkle.simulation.rendering.image_noise import oversized, photograph
+from unwrinkle.simulation.rendering.meshes import rectangle_mesh, towel_mesh
+from unwrinkle.simulation.rendering.renderer import Renderer
+from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
+from unwrinkle.simulation.rendering.textures import Texture
 
 FACTOR = 4
 _MOST = 6000

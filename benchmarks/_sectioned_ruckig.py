@@ -16,9 +16,9 @@ import toppra.algorithm
 import toppra.constraint
 from numpy.typing import NDArray
 
+from unwrinkle.benchmarks._toppra_bound import SpeedCap
 from unwrinkle.models.limits import Limits
-from unwrinkle.planning.optimum import SpeedCap
-from unwrinkle.planning.time_law import JointPath
+from unwrinkle.planning.timing.path_timing import JointPath
 
 Array = NDArray[np.float64]
 

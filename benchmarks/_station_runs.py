@@ -9,20 +9,9 @@ from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 
-from unwrinkle.hardware.run_log import RunLog
-from unwrinkle.models.errors import UnwrinkleError
-from unwrinkle.models.robot import Cell, load_cell
-from unwrinkle.models.scenario import Scenario
-from unwrinkle.perception.head import StereoHead
-from unwrinkle.perception.head_file import nominal_calibration
-from unwrinkle.planning.plan import FlatteningPlan
-from unwrinkle.simulation.cloth import Cloth, ClothState
-from unwrinkle.simulation.wrinkle_makers import start_state
-from unwrinkle.systems.execution import steps_of
-from unwrinkle.systems.flattening_diagram import build_flattening_diagram, situation
-from unwrinkle.systems.loopback_station import LoopbackStation, build_loopback_station
-from unwrinkle.systems.motion_log import Motion
-from unwrinkle.systems.ports import (
+from unwrinkle.flattening.execution import steps_of
+from unwrinkle.flattening.state import Situation, SupervisorSettings
+from unwrinkle.flattening.station_messages import (
     FAULT,
     ControllerStatus,
     GripperCommand,
@@ -30,9 +19,20 @@ from unwrinkle.systems.ports import (
     HeadCommand,
     TrajectoryCommand,
 )
-from unwrinkle.systems.sim_station import build_sim_station
-from unwrinkle.systems.simulated_world import SimulatedStation, simulated_cloth
-from unwrinkle.systems.supervisor_state import Situation, SupervisorSettings
+from unwrinkle.hardware.run_log.writer import RunLog
+from unwrinkle.models.errors import UnwrinkleError
+from unwrinkle.models.robot import Cell, load_cell
+from unwrinkle.models.scenario import Scenario
+from unwrinkle.perception.stereo.head import StereoHead
+from unwrinkle.perception.stereo.head_file import nominal_calibration
+from unwrinkle.planning.plan import FlatteningPlan
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
+from unwrinkle.simulation.cloth.initial_states import start_state
+from unwrinkle.systems.diagram import build_flattening_diagram, situation
+from unwrinkle.systems.station.loopback import LoopbackStation, build_loopback_station
+from unwrinkle.systems.station.motion_log import Motion
+from unwrinkle.systems.station.simulated import build_sim_station
+from unwrinkle.systems.station.world import SimulatedStation, simulated_cloth
 
 Array = NDArray[np.float64]
 

@@ -1,6 +1,6 @@
 """Other ways to match a rectified pair, for the table of `unwrinkle bench stereo`.
 
-Each takes (left, right, lowest, highest) as `unwrinkle.perception.stereo_matching.match` does and
+Each takes (left, right, lowest, highest) as `unwrinkle.perception.stereo.matching.match` does and
 returns a `Disparity`. Settings are those that the measurements behind the design used.
 """
 
@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.perception.stereo_matching import Disparity, match
+from unwrinkle.perception.stereo.matching import Disparity, match
 
 Image = NDArray[np.uint8]
 Method = Callable[[Image, Image, int, int], Disparity]

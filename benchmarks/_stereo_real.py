@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from unwrinkle.benchmarks._data import data_folder
 from unwrinkle.benchmarks.calibration import chessboards
-from unwrinkle.perception.boards import load_grey
-from unwrinkle.perception.stereo_matching import match
+from unwrinkle.perception.calibration.boards import load_grey
+from unwrinkle.perception.stereo.matching import match
 
 _HIGHEST = 79
 

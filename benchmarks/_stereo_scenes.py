@@ -12,17 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.robot import load_cell
-from unwrinkle.perception.head import Gaze, StereoHead
-from unwrinkle.perception.head_file import nominal_head
-from unwrinkle.perception.pose import Pose, transformed
-from unwrinkle.perception.rectification import Rectification
-from unwrinkle.perception.stereo_capture import KnownTable
-from unwrinkle.perception.stereo_pair import StereoPair
-from unwrinkle.simulation.garments import Towel, wrinkled_towel
-from unwrinkle.simulation.image_noise import photograph_pair
-from unwrinkle.simulation.meshes import height_field_mesh, rectangle_mesh, towel_mesh
-from unwrinkle.simulation.rendering import Renderer
-from unwrinkle.simulation.textures import cloth, wood
+from unwrinkle.models.transforms import Pose, transformed
+from unwrinkle.perception.stereo.head import Gaze, StereoHead
+from unwrinkle.perception.stereo.head_file import nominal_head
+from unwrinkle.perception.stereo.pair import StereoPair
+from unwrinkle.perception.stereo.range_mapping import KnownTable
+from unwrinkle.perception.stereo.rectification import Rectification
+from unwrinkle.simulation.rendering.image_noise import photograph_pair
+from unwrinkle.simulation.rendering.meshes import height_field_mesh, rectangle_mesh, towel_mesh
+from unwrinkle.simulation.rendering.renderer import Renderer
+from unwrinkle.simulation.rendering.synthetic_towel import Towel, wrinkled_towel
+from unwrinkle.simulation.rendering.textures import cloth, wood
 
 _RIM = 0.006  # the towel's rim, where it comes down to the table, is not judged
 _NEAR_DISTANCE = 1.25

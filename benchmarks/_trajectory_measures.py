@@ -15,9 +15,9 @@ from scipy.spatial import cKDTree
 from unwrinkle.benchmarks._trajectory_methods import Failure, Result, Samples
 from unwrinkle.benchmarks._trajectory_paths import Piece
 from unwrinkle.models.limits import Limits
-from unwrinkle.planning.kinematics import Kinematics
-from unwrinkle.planning.verification_limits import TOLERANCE
-from unwrinkle.planning.verification_motion import Leg
+from unwrinkle.planning.robot.kinematics import Kinematics
+from unwrinkle.planning.verification.limits import TOLERANCE
+from unwrinkle.planning.verification.motion import Leg
 
 Array = NDArray[np.float64]
 

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 
 from unwrinkle.benchmarks._sectioned_ruckig import sectioned_ruckig
+from unwrinkle.benchmarks._toppra_bound import jerk_free_profile
 from unwrinkle.benchmarks._trajectory_moveit import Smoothed, Waypoints, smooth
 from unwrinkle.benchmarks._trajectory_paths import LINES, Piece
 from unwrinkle.models.limits import Limits
-from unwrinkle.planning.joint_lines import time_line
-from unwrinkle.planning.optimum import jerk_free_profile
-from unwrinkle.planning.time_law import JointPath, PathLimits, time_paths
+from unwrinkle.planning.timing.path_timing import JointPath, PathLimits, time_paths
+from unwrinkle.planning.timing.straight_lines import time_line
 
 Array = NDArray[np.float64]
 Samples = tuple[Array, Array, Array]  # times (N,), positions and velocities (N, 13)

@@ -19,8 +19,8 @@ from scipy.optimize import linprog
 from scipy.sparse import coo_array, csr_array, vstack
 
 from unwrinkle.models.limits import Limits
-from unwrinkle.planning.joint_lines import time_line
-from unwrinkle.planning.time_law import JointPath, PathLimits
+from unwrinkle.planning.timing.path_timing import JointPath, PathLimits
+from unwrinkle.planning.timing.straight_lines import time_line
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -23,13 +23,13 @@ from unwrinkle.models.archive import load_archive, save_archive
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.limits import Limits
 from unwrinkle.models.robot import Cell, load_cell
-from unwrinkle.planning.collision import CollisionModel
-from unwrinkle.planning.kinematics import Kinematics
-from unwrinkle.planning.poses import PIECES, POSES
-from unwrinkle.planning.search import Motion, MotionSearch
-from unwrinkle.planning.settings import PlannerSettings
-from unwrinkle.planning.time_law import JointPath
-from unwrinkle.planning.transit import TransitPlanner
+from unwrinkle.planning.robot.collision import CollisionModel
+from unwrinkle.planning.robot.kinematics import Kinematics
+from unwrinkle.planning.search.key_poses import PIECES, POSES
+from unwrinkle.planning.search.motion_search import Motion, MotionSearch
+from unwrinkle.planning.search.settings import PlannerSettings
+from unwrinkle.planning.search.transit import TransitPlanner
+from unwrinkle.planning.timing.path_timing import JointPath
 
 Array = NDArray[np.float64]
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from unwrinkle.benchmarks._toppra_bound import jerk_free_line_time, jerk_free_time
 from unwrinkle.benchmarks._trajectory_measures import judge
 from unwrinkle.benchmarks._trajectory_methods import METHODS, Problem
 from unwrinkle.benchmarks._trajectory_optimum import PathProgramme, joint_bound
@@ -23,11 +24,10 @@ from unwrinkle.benchmarks._trajectory_paths import (
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.limits import Limits
 from unwrinkle.models.robot import load_cell
-from unwrinkle.planning.joint_lines import time_line
-from unwrinkle.planning.kinematics import Kinematics
-from unwrinkle.planning.optimum import jerk_free_line_time, jerk_free_time
-from unwrinkle.planning.settings import PlannerSettings
-from unwrinkle.planning.time_law import JointPath, PathLimits, time_paths
+from unwrinkle.planning.robot.kinematics import Kinematics
+from unwrinkle.planning.search.settings import PlannerSettings
+from unwrinkle.planning.timing.path_timing import JointPath, PathLimits, time_paths
+from unwrinkle.planning.timing.straight_lines import time_line
 
 Array = NDArray[np.float64]
 

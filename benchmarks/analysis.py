@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from unwrinkle.perception.analysis import Analysis, analyse
-from unwrinkle.perception.noise import noise_profile
 from unwrinkle.perception.range_map import RangeMap
-from unwrinkle.perception.ridges import link, ridge_points
-from unwrinkle.perception.surface import fit_surface
+from unwrinkle.perception.sensor import noise_profile
 from unwrinkle.perception.target import FlatteningTarget
-from unwrinkle.perception.targeting import flattening_target
-from unwrinkle.perception.wrinkle import wrinkles_of
-from unwrinkle.perception.wrinkledness import wrinkledness
-from unwrinkle.simulation.garments import Ridge, Towel
+from unwrinkle.perception.wrinkles.analysis import Analysis, analyse
+from unwrinkle.perception.wrinkles.ridges import link, ridge_points
+from unwrinkle.perception.wrinkles.surface import fit_surface
+from unwrinkle.perception.wrinkles.targeting import flattening_target
+from unwrinkle.perception.wrinkles.wrinkle import wrinkles_of
+from unwrinkle.perception.wrinkles.wrinkledness import wrinkledness
+from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
 
 if TYPE_CHECKING:
     from unwrinkle.benchmarks.report import Progress

@@ -30,22 +30,22 @@ from unwrinkle.benchmarks._data import data_folder
 from unwrinkle.benchmarks.report import Progress
 from unwrinkle.models import InputError
 from unwrinkle.models.robot import load_cell
-from unwrinkle.perception.boards import Board
-from unwrinkle.perception.calibration import PairView, StereoCalibration, calibrate_stereo
-from unwrinkle.perception.calibration_files import find_pairs, view_pairs
-from unwrinkle.perception.hand_eye import angle_between
-from unwrinkle.perception.head import StereoHead
-from unwrinkle.perception.head_calibration import HeadFit, HeadLook, calibrate_head
-from unwrinkle.perception.head_file import HeadCalibration, nominal_calibration
-from unwrinkle.perception.pose import Pose, inverse, pose, transformed
-from unwrinkle.perception.stereo_capture import range_map_from_pair
-from unwrinkle.perception.stereo_pair import StereoPair
-from unwrinkle.simulation.boards import chessboard
-from unwrinkle.simulation.garments import Towel, wrinkled_towel
-from unwrinkle.simulation.image_noise import photograph_pair
-from unwrinkle.simulation.meshes import towel_mesh
-from unwrinkle.simulation.pan_tilt import REPEATABILITY
-from unwrinkle.simulation.rendering import Renderer
+from unwrinkle.models.transforms import Pose, inverse, pose, transformed
+from unwrinkle.perception.calibration.boards import Board
+from unwrinkle.perception.calibration.files import find_pairs, view_pairs
+from unwrinkle.perception.calibration.hand_eye import angle_between
+from unwrinkle.perception.calibration.head import HeadFit, HeadLook, calibrate_head
+from unwrinkle.perception.calibration.stereo import PairView, StereoCalibration, calibrate_stereo
+from unwrinkle.perception.stereo.head import StereoHead
+from unwrinkle.perception.stereo.head_file import HeadCalibration, nominal_calibration
+from unwrinkle.perception.stereo.pair import StereoPair
+from unwrinkle.perception.stereo.range_mapping import range_map_from_pair
+from unwrinkle.simulation.devices.pan_tilt import REPEATABILITY
+from unwrinkle.simulation.rendering.boards import chessboard
+from unwrinkle.simulation.rendering.image_noise import photograph_pair
+from unwrinkle.simulation.rendering.meshes import towel_mesh
+from unwrinkle.simulation.rendering.renderer import Renderer
+from unwrinkle.simulation.rendering.synthetic_towel import Towel, wrinkled_towel
 
 _REAL = "stereo_chessboard"
 _BOARD = Board(11, 8, 0.04)

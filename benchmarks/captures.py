@@ -8,12 +8,12 @@ import numpy as np
 
 from unwrinkle.benchmarks._data import data_folder
 from unwrinkle.benchmarks.report import Progress
+from unwrinkle.flattening.verified_planning import plan_verified
 from unwrinkle.models.robot import Cell, load_cell
-from unwrinkle.perception.analysis import Analysis, analyse
-from unwrinkle.perception.capture import load_capture, range_map_from_capture
+from unwrinkle.perception.depth.range_mapping import load_capture, range_map_from_capture
 from unwrinkle.perception.target import NoTarget
-from unwrinkle.planning.planner import FlatteningPlanner
-from unwrinkle.planning.verified import plan_verified
+from unwrinkle.perception.wrinkles.analysis import Analysis, analyse
+from unwrinkle.planning.search.planner import FlatteningPlanner
 
 _SETS = (("uc3m_textiles", "*_depth_mm.png"), ("clopema_ctu_spread_garments", "cloD*.png"))
 _CAMERA = "xtion-pro-live"

@@ -12,10 +12,10 @@ from unwrinkle.benchmarks import _cloth_checks, _cloth_rest
 from unwrinkle.benchmarks.report import Progress
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.files import atomic_path
-from unwrinkle.simulation.cloth import Cloth
-from unwrinkle.simulation.cloth_measures import height_map, measure
-from unwrinkle.simulation.outlines import outline
-from unwrinkle.simulation.wrinkle_makers import start_state
+from unwrinkle.simulation.cloth.cloth import Cloth
+from unwrinkle.simulation.cloth.initial_states import start_state
+from unwrinkle.simulation.cloth.measures import height_map, measure
+from unwrinkle.simulation.cloth.outlines import outline
 
 _PICTURES = (
     ("towel", "terry", "ridge"),

@@ -19,9 +19,9 @@ from scipy.optimize import minimize
 from unwrinkle.benchmarks._data import data_folder
 from unwrinkle.benchmarks.report import Progress
 from unwrinkle.models import InputError
-from unwrinkle.perception.capture import load_capture, segment_capture
-from unwrinkle.perception.depth_file import Capture
-from unwrinkle.perception.noise import noise_profile
+from unwrinkle.perception.depth.capture import Capture
+from unwrinkle.perception.depth.range_mapping import load_capture, segment_capture
+from unwrinkle.perception.sensor import noise_profile
 
 _FOLDER = "clopema_ctu_spread_garments"
 

@@ -27,18 +27,18 @@ from unwrinkle.benchmarks._depth_camera_scenes import (
 )
 from unwrinkle.benchmarks.report import Progress
 from unwrinkle.models.robot import Cell, load_cell
-from unwrinkle.perception.analysis import analyse
-from unwrinkle.perception.capture import range_map_from_capture
-from unwrinkle.perception.over_table import over_table
-from unwrinkle.simulation.depth_cameras import (
+from unwrinkle.perception.depth.range_mapping import range_map_from_capture
+from unwrinkle.perception.depth.table_crop import over_table
+from unwrinkle.perception.wrinkles.analysis import analyse
+from unwrinkle.simulation.depth_cameras.cameras import (
     DepthCameraModel,
     StructuredLightCamera,
     depth_image,
     load_depth_camera,
 )
-from unwrinkle.simulation.garments import Towel, overhead_pose, wrinkled_towel
-from unwrinkle.simulation.meshes import towel_mesh
-from unwrinkle.simulation.rendering import Renderer
+from unwrinkle.simulation.rendering.meshes import towel_mesh
+from unwrinkle.simulation.rendering.renderer import Renderer
+from unwrinkle.simulation.rendering.synthetic_towel import Towel, overhead_pose, wrinkled_towel
 
 _HEIGHTS = (0.99, 1.06, 1.10)  # over the table: those of the real maps, and the cell's
 _CELL_HEIGHT = 1.10

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from unwrinkle.benchmarks._head_in_cell import HeadInCell
 from unwrinkle.benchmarks._search_in_cell import search_results
+from unwrinkle.models.transforms import turn
 from unwrinkle.perception.features import Template, template, view
-from unwrinkle.perception.gaze import TOLERANCE, Centring, centre
-from unwrinkle.perception.head import Eye, Gaze, StereoHead
-from unwrinkle.perception.pose import turn
+from unwrinkle.perception.gaze.vergence import TOLERANCE, Centring, centre
+from unwrinkle.perception.stereo.head import Eye, Gaze, StereoHead
 
 if TYPE_CHECKING:
     from unwrinkle.benchmarks.report import Progress

@@ -16,7 +16,7 @@ from unwrinkle.benchmarks._rows import rows_wall, run_rows
 from unwrinkle.benchmarks._statistics import wilson
 from unwrinkle.benchmarks.report import Progress
 from unwrinkle.models.errors import InputError
-from unwrinkle.simulation.cloth import ClothError
+from unwrinkle.simulation.cloth.cloth import ClothError
 
 #: Grasps of five states, one attempt each (Sun et al. 2016, Robot vision architecture for autonomous clothes
 #: manipulation, arXiv 1610.05824, Fig. 6).

@@ -12,19 +12,19 @@ from scipy.optimize import minimize_scalar
 
 from unwrinkle.benchmarks._station_runs import Setting, StationRun, first_plan, run_on_station
 from unwrinkle.benchmarks.report import Progress
-from unwrinkle.hardware.path_clock import PathClock, StreamLimits
-from unwrinkle.hardware.run_log import RunLog
-from unwrinkle.hardware.run_log_reader import read_run_log
+from unwrinkle.closed_loop.executed_motion import MeasuredSegment, check_execution
+from unwrinkle.flattening.state import SupervisorSettings
+from unwrinkle.hardware.run_log.reader import read_run_log
+from unwrinkle.hardware.run_log.writer import RunLog
+from unwrinkle.hardware.streaming.path_clock import PathClock, StreamLimits
 from unwrinkle.models.robot import Cell
 from unwrinkle.models.scenario import load_scenario
 from unwrinkle.models.site import loopback_site
-from unwrinkle.perception.warm_up import ensure_compiled
-from unwrinkle.planning.execution import MeasuredSegment, check_execution
+from unwrinkle.perception.stereo.compile_cache import ensure_compiled
 from unwrinkle.planning.plan import FlatteningPlan
-from unwrinkle.planning.verification import cell_model
-from unwrinkle.simulation.cloth_measures import coverage, largest_height
-from unwrinkle.simulation.virtual_controller import VirtualControllerSettings
-from unwrinkle.systems.supervisor_state import SupervisorSettings
+from unwrinkle.planning.verification.verifier import cell_model
+from unwrinkle.simulation.cloth.measures import coverage, largest_height
+from unwrinkle.simulation.controllers.controller import VirtualControllerSettings
 
 Array = NDArray[np.float64]
 

@@ -12,16 +12,16 @@ from unwrinkle.benchmarks._plan_baselines import drake_baseline, rrt_baseline, r
 from unwrinkle.benchmarks._plan_lines import line_deviation, random_lines
 from unwrinkle.benchmarks._plan_table import plans_table
 from unwrinkle.benchmarks._plan_tasks import Task, flattening_task, tasks
+from unwrinkle.benchmarks._toppra_bound import jerk_free_line_time, jerk_free_time
 from unwrinkle.benchmarks.report import Progress
+from unwrinkle.flattening.verified_planning import plan_verified
 from unwrinkle.models.limits import Limits
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.perception.target import FlatteningTarget
-from unwrinkle.planning.failure import off_table
-from unwrinkle.planning.optimum import jerk_free_line_time, jerk_free_time
-from unwrinkle.planning.planner import FlatteningPlanner, PlanResult
-from unwrinkle.planning.sampling import sent_ratios
-from unwrinkle.planning.verification_verdict import Verdict
-from unwrinkle.planning.verified import plan_verified
+from unwrinkle.planning.search.failure import off_table
+from unwrinkle.planning.search.planner import FlatteningPlanner, PlanResult
+from unwrinkle.planning.timing.sampling import sent_ratios
+from unwrinkle.planning.verification.verdict import Verdict
 
 _RATIOS = ("velocity_ratio", "acceleration_ratio", "jerk_ratio")
 #: Fraction of the catalogue speed that the Glasgow robot was run at.

@@ -16,17 +16,17 @@ from unwrinkle.benchmarks._stereo_page import page, plotted
 from unwrinkle.benchmarks._stereo_real import figures
 from unwrinkle.benchmarks._stereo_scenes import Scene, cell_scene, near_scene
 from unwrinkle.models import InputError
-from unwrinkle.perception.analysis import analyse
-from unwrinkle.perception.height_map import Grid
-from unwrinkle.perception.stereo_capture import StereoLook, look, range_map_from_pair
-from unwrinkle.perception.stereo_heights import heights_on_grid
-from unwrinkle.perception.stereo_matching import Disparity
-from unwrinkle.simulation.garments import Ridge
+from unwrinkle.perception.height_grid import Grid
+from unwrinkle.perception.stereo.heights import heights_on_grid
+from unwrinkle.perception.stereo.matching import Disparity
+from unwrinkle.perception.stereo.range_mapping import StereoLook, look, range_map_from_pair
+from unwrinkle.perception.wrinkles.analysis import analyse
+from unwrinkle.simulation.rendering.synthetic_towel import Ridge
 
 if TYPE_CHECKING:
     from unwrinkle.benchmarks.report import Progress
-    from unwrinkle.perception.analysis import Analysis
     from unwrinkle.perception.range_map import RangeMap
+    from unwrinkle.perception.wrinkles.analysis import Analysis
 
 _RESOLUTION = 0.0005
 _GROSS = 0.003  # metres of height; larger errors are counted as well as averaged

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.benchmarks.report import Progress
-from unwrinkle.perception.wrinkledness import WINDOW, normal_bins, window_entropy
+from unwrinkle.perception.wrinkles.wrinkledness import WINDOW, normal_bins, window_entropy
 
 _SIZES = ((480, 640), (1000, 1000))
 

@@ -4,8 +4,8 @@ Run: python examples/01_wrinkles_of_a_capture.py
 """
 
 from unwrinkle.models.robot import model_file
-from unwrinkle.perception.analysis import analyse
-from unwrinkle.perception.capture import load_capture, range_map_from_capture
+from unwrinkle.perception.depth.range_mapping import load_capture, range_map_from_capture
+from unwrinkle.perception.wrinkles.analysis import analyse
 
 capture = load_capture(model_file("captures/towel.npz"))
 range_map = range_map_from_capture(capture)

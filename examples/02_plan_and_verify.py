@@ -3,12 +3,12 @@
 Run: python examples/02_plan_and_verify.py
 """
 
+from unwrinkle.flattening.verified_planning import plan_verified
 from unwrinkle.models.robot import load_cell, model_file
-from unwrinkle.perception.analysis import analyse
-from unwrinkle.perception.capture import load_capture, range_map_from_capture
+from unwrinkle.perception.depth.range_mapping import load_capture, range_map_from_capture
 from unwrinkle.perception.target import NoTarget
-from unwrinkle.planning.planner import FlatteningPlanner
-from unwrinkle.planning.verified import plan_verified
+from unwrinkle.perception.wrinkles.analysis import analyse
+from unwrinkle.planning.search.planner import FlatteningPlanner
 
 cell = load_cell()
 range_map = range_map_from_capture(load_capture(model_file("captures/towel.npz")))

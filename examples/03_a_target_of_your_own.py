@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from unwrinkle.flattening.verified_planning import plan_verified
 from unwrinkle.models.robot import load_cell
 from unwrinkle.perception.target import FlatteningTarget, HandTarget
-from unwrinkle.planning.planner import FlatteningPlanner
-from unwrinkle.planning.verified import plan_verified
-from unwrinkle.preview import PreviewSummary, preview_page
+from unwrinkle.planning.search.planner import FlatteningPlanner
+from unwrinkle.viewer.overlay import PreviewSummary
+from unwrinkle.viewer.preview import preview_page
 
 cell = load_cell().with_speed(0.2)
 left, right = np.array([1.0, 0.0]), np.array([-1.0, 0.0])  # of the robot, in the world's x, y

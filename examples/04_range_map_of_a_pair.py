@@ -10,15 +10,15 @@ import cv2
 import numpy as np
 
 from unwrinkle.models.robot import load_cell
-from unwrinkle.perception.analysis import analyse
-from unwrinkle.perception.head_file import nominal_head
-from unwrinkle.perception.stereo_capture import range_map_from_pair
-from unwrinkle.perception.stereo_pair import StereoPair
-from unwrinkle.pictures import save_pictures
-from unwrinkle.simulation.garments import wrinkled_towel
-from unwrinkle.simulation.image_noise import photograph_pair
-from unwrinkle.simulation.meshes import towel_mesh
-from unwrinkle.simulation.rendering import Renderer
+from unwrinkle.perception.stereo.head_file import nominal_head
+from unwrinkle.perception.stereo.pair import StereoPair
+from unwrinkle.perception.stereo.range_mapping import range_map_from_pair
+from unwrinkle.perception.wrinkles.analysis import analyse
+from unwrinkle.runs.pictures import save_pictures
+from unwrinkle.simulation.rendering.image_noise import photograph_pair
+from unwrinkle.simulation.rendering.meshes import towel_mesh
+from unwrinkle.simulation.rendering.renderer import Renderer
+from unwrinkle.simulation.rendering.synthetic_towel import wrinkled_towel
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "pair")
 folder.mkdir(exist_ok=True)

@@ -6,7 +6,7 @@ Run: python examples/05_flatten_in_simulation.py [FOLDER]
 import sys
 from pathlib import Path
 
-from unwrinkle.flattening_session import Choices, begin
+from unwrinkle.closed_loop.session import Choices, begin
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "run")
 

@@ -12,17 +12,17 @@ import sys
 import time
 from pathlib import Path
 
-from unwrinkle.equipment import connected
-from unwrinkle.executor import PlanExecutor
-from unwrinkle.hardware.run_log import RunLog
-from unwrinkle.hardware.run_log_reader import read_run_log
+from unwrinkle.execution.executor import PlanExecutor
+from unwrinkle.execution.preflight import preflight
+from unwrinkle.hardware.run_log.reader import read_run_log
+from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.models.robot import model_file
-from unwrinkle.perception.analysis import analyse
-from unwrinkle.perception.capture import load_capture, range_map_from_capture
+from unwrinkle.perception.depth.range_mapping import load_capture, range_map_from_capture
 from unwrinkle.perception.target import NoTarget
-from unwrinkle.planning.planner import FlatteningPlanner
-from unwrinkle.preflight import preflight
-from unwrinkle.sites import find_site, site_cell
+from unwrinkle.perception.wrinkles.analysis import analyse
+from unwrinkle.planning.search.planner import FlatteningPlanner
+from unwrinkle.site.equipment import connected
+from unwrinkle.site.sites import find_site, site_cell
 
 log_file = Path(sys.argv[1] if len(sys.argv) > 1 else "run.jsonl")
 site = find_site("loopback")

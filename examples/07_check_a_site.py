@@ -11,8 +11,8 @@ import subprocess
 import sys
 
 from unwrinkle.models.site import Site
-from unwrinkle.site_check import check_site
-from unwrinkle.sites import find_site, site_cell
+from unwrinkle.site.check import check_site
+from unwrinkle.site.sites import find_site, site_cell
 
 
 def show(site: Site) -> None:

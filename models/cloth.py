@@ -1,4 +1,4 @@
-"""What a cloth is made of: one YAML file per material in `models/cloths`."""
+"""What a cloth is made of: one YAML file per material in `models/data/cloths`."""
 
 import dataclasses as dc
 import math

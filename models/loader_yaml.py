@@ -13,7 +13,7 @@ Schema = TypeVar("Schema")
 
 def models_dir() -> Path:
     """Return the folder of the package's model data."""
-    return Path(__file__).resolve().parent
+    return Path(__file__).resolve().parent / "data"
 
 
 def load_yaml(path: str | Path, schema: type[Schema], *, child: str | None = None) -> Schema:

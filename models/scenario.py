@@ -125,7 +125,7 @@ class SimulatedGarment:
 
     # towel, dishcloth, tshirt or trousers.
     outline: str = "towel"
-    # A file of models/cloths, by name.
+    # A file of models/data/cloths, by name.
     material: str = "terry"
     # terry, print or plain.
     texture: str = "terry"

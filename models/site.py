@@ -142,7 +142,7 @@ class CameraSite:
 
 @dc.dataclass
 class Site:
-    """One laboratory's equipment; see models/sites/example.site.yaml for the meaning of every key."""
+    """One laboratory's equipment; see models/data/sites/example.site.yaml for the meaning of every key."""
 
     name: str = "unnamed"
     # The cell's scenario (robot, tables, clearances); empty: the shipped one.

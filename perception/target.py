@@ -1,7 +1,7 @@
 """What perception hands to the planner: four parameters per hand, or the reason why there are none.
 
 A wrinkle is pulled flat from both sides. Each hand is given the paper's four parameters (grasp
-position, grasp direction, pull direction, pull distance). `unwrinkle.perception.targeting` computes
+position, grasp direction, pull direction, pull distance). `unwrinkle.perception.wrinkles.targeting` computes
 them; the types here carry them and check what no planner may be handed.
 """
 

@@ -8,21 +8,21 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from unwrinkle.models.robot import Cell
-from unwrinkle.perception.gaze import quantised
-from unwrinkle.perception.head import Gaze, StereoHead
-from unwrinkle.planning.trajectory import AXES
-from unwrinkle.systems.judgement import Memory
-from unwrinkle.systems.ports import (
+from unwrinkle.flattening.messages import Analysed, Perceived, Planned, PlanRequest, Verified
+from unwrinkle.flattening.policy import Memory
+from unwrinkle.flattening.state import Action, Array, Situation, SupervisorSettings
+from unwrinkle.flattening.state_machine import GazeAt, Procedure
+from unwrinkle.flattening.station_messages import (
     ControllerStatus,
     GripperCommand,
     GripperStatus,
     HeadCommand,
     TrajectoryCommand,
 )
-from unwrinkle.systems.procedure import GazeAt, Procedure
-from unwrinkle.systems.results import Analysed, Perceived, Planned, PlanRequest, Verified
-from unwrinkle.systems.supervisor_state import Action, Array, Situation, SupervisorSettings
+from unwrinkle.models.robot import Cell
+from unwrinkle.perception.gaze.vergence import quantised
+from unwrinkle.perception.stereo.head import Gaze, StereoHead
+from unwrinkle.planning.trajectory import AXES
 
 #: Abstract inputs, by name, with an example of what they carry.
 _ANSWERS: dict[str, Callable[[], Any]] = {

@@ -10,47 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unwrinkle.perception.boards import Board, charuco_board
+from unwrinkle.models.transforms import Pose
+from unwrinkle.perception.calibration.boards import Board, charuco_board
 from unwrinkle.perception.camera import Camera
-from unwrinkle.perception.pose import Pose
 
 _DESK = 150  # grey of what is around a drawn board
 REPOSITORY = Path(__file__).parents[1]
-
-
-#: Tests that run on the computer's clock, take all cores anyway, or build or install the package: beginnings of their
-#: paths. They run by themselves; all others two at a time.
-ALONE = (
-    "benchmarks/test_boards_smoke",
-    "benchmarks/test_faults",
-    "benchmarks/test_parity",
-    "hardware/test_cameras",
-    "hardware/test_driver",
-    "hardware/test_gphoto",
-    "hardware/test_lock",
-    "simulation/test_controller",
-    "systems/test_depth_camera_driver",
-    "systems/test_station_contract",
-    "test_examples",
-    "test_wheel",
-    "unwrinkle/execution/",
-    "unwrinkle/test_controller",
-    "unwrinkle/test_flatten_end_to_end",
-    "unwrinkle/test_flatten_forms",
-    "unwrinkle/test_live",
-    "unwrinkle/test_preview",
-    "unwrinkle/test_replay",
-    "unwrinkle/test_show",
-    "unwrinkle/test_site",
-)
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that must run by themselves."""
-    tests = Path(__file__).parent
-    for item in items:
-        if item.path.relative_to(tests).as_posix().startswith(ALONE):
-            item.add_marker(pytest.mark.alone)
 
 
 #: Garbage is collected between tests, once so many objects were made.

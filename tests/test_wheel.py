@@ -13,6 +13,7 @@ import pytest
 # The folder in the repository of each subpackage; everything in it belongs to the wheel.
 FOLDERS = [
     "benchmarks",
+    "flattening",
     "hardware",
     "models",
     "perception",
@@ -22,7 +23,7 @@ FOLDERS = [
     "unwrinkle",
 ]
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.alone]
 
 
 def _run(*command: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -46,7 +47,10 @@ def wheel(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copy(repository / file, sources)
     for folder in FOLDERS:
         shutil.copytree(
-            repository / folder, sources / folder, ignore=shutil.ignore_patterns("__pycache__")
+            repository / folder,
+            sources / folder,
+            symlinks=True,
+            ignore=shutil.ignore_patterns("__pycache__"),
         )
     _checked(sys.executable, "-m", "build", "--no-isolation", "--outdir", "dist", cwd=sources)
     (built,) = (sources / "dist").glob("*.whl")

@@ -1,8 +1,8 @@
 import pytest
 
 from unwrinkle.benchmarks import analysis
-from unwrinkle.perception.analysis import analyse
-from unwrinkle.simulation.garments import Ridge
+from unwrinkle.perception.wrinkles.analysis import analyse
+from unwrinkle.simulation.rendering.synthetic_towel import Ridge
 
 
 def test_the_formulas():

@@ -10,12 +10,12 @@ from unwrinkle.benchmarks import _baseline_policies as policies
 from unwrinkle.benchmarks._baseline_policies import POLICIES, Pull, carried_out
 from unwrinkle.models.cloth import load_material
 from unwrinkle.perception.range_map import RangeMap
-from unwrinkle.perception.targeting import TableTop
-from unwrinkle.simulation.cloth import Cloth, ClothState, Support
-from unwrinkle.simulation.cloth_measures import coverage
-from unwrinkle.simulation.outlines import outline
-from unwrinkle.simulation.wrinkle_makers import ridge
-from unwrinkle.systems.true_range_map import true_range_map
+from unwrinkle.perception.wrinkles.targeting import TableTop
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothState, Support
+from unwrinkle.simulation.cloth.initial_states import ridge
+from unwrinkle.simulation.cloth.measures import coverage
+from unwrinkle.simulation.cloth.outlines import outline
+from unwrinkle.systems.perception.true_range_map import true_range_map
 
 CENTRE = (0.0, -1.10)
 TABLE = TableTop(margin=policies.MARGIN)

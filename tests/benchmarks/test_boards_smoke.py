@@ -11,7 +11,7 @@ from unwrinkle.benchmarks._glance import BOARDS, glance
 from unwrinkle.cli import app
 from unwrinkle.models.errors import InputError
 
-pytestmark = [pytest.mark.slow, pytest.mark.end_to_end]
+pytestmark = [pytest.mark.slow, pytest.mark.end_to_end, pytest.mark.alone]
 
 # What a quick run must have worked out, by board.
 FOUND = {

@@ -13,9 +13,9 @@ from unwrinkle.benchmarks._calibration_scene import (
     scaled_head,
     true_head,
 )
-from unwrinkle.perception.hand_eye import angle_between
-from unwrinkle.perception.head_file import nominal_head
-from unwrinkle.perception.pose import transformed
+from unwrinkle.models.transforms import transformed
+from unwrinkle.perception.calibration.hand_eye import angle_between
+from unwrinkle.perception.stereo.head_file import nominal_head
 
 NOMINAL = nominal_head()
 

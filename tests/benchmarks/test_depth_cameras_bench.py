@@ -12,8 +12,8 @@ from unwrinkle.benchmarks import depth_cameras
 from unwrinkle.benchmarks._depth_camera_noise import levels_of, noise_figures, step_of
 from unwrinkle.benchmarks._depth_camera_scenes import edge_figures, restored, stored
 from unwrinkle.perception.camera import load_camera
-from unwrinkle.perception.depth_file import Capture
-from unwrinkle.simulation.depth_cameras import load_depth_camera
+from unwrinkle.perception.depth.capture import Capture
+from unwrinkle.simulation.depth_cameras.cameras import load_depth_camera
 
 Results = dict[str, Any]
 

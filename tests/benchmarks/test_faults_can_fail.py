@@ -8,12 +8,14 @@ import pytest
 
 from unwrinkle.benchmarks import faults
 from unwrinkle.benchmarks._fault_rows import RowResult
-from unwrinkle.hardware import path_clock
-from unwrinkle.hardware._sent_cubics import StreamLimits
-from unwrinkle.hardware.driver import ControllerDriver
-from unwrinkle.hardware.monitor import Monitor
-from unwrinkle.hardware.run_log import RunLog
-from unwrinkle.hardware.streaming import PointStream
+from unwrinkle.hardware.controller.driver import ControllerDriver
+from unwrinkle.hardware.controller.monitor import Monitor
+from unwrinkle.hardware.run_log.writer import RunLog
+from unwrinkle.hardware.streaming import path_clock
+from unwrinkle.hardware.streaming.sent_cubics import StreamLimits
+from unwrinkle.hardware.streaming.stream import PointStream
+
+pytestmark = pytest.mark.alone
 
 
 def played(name: str, tmp_path: Path) -> RowResult:

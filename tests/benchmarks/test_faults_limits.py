@@ -7,6 +7,8 @@ from unwrinkle.benchmarks._faults_cells import cell
 from unwrinkle.benchmarks._faults_limits import SentPoints, limit_violations
 from unwrinkle.benchmarks._faults_rig import swing
 
+pytestmark = pytest.mark.alone
+
 LIMITS = cell().limits
 ALL = np.arange(13)
 

@@ -8,6 +8,8 @@ import pytest
 from unwrinkle.benchmarks import faults
 from unwrinkle.models.site import ControllerSite
 
+pytestmark = pytest.mark.alone
+
 
 @pytest.fixture(scope="module")
 def page(repository: Path) -> str:

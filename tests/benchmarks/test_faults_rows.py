@@ -8,6 +8,8 @@ import pytest
 from unwrinkle.benchmarks import _faults_firmware, faults
 from unwrinkle.benchmarks._fault_rows import Case, Row
 
+pytestmark = pytest.mark.alone
+
 #: Those that start processes, or run the whole loop.
 SLOW = {"P1", "V1", "V2", "V5", "G2"}
 #: Those that run `unwrinkle execute` several times: left to the benchmark, their pieces stand in tests/unwrinkle/execution.

@@ -8,6 +8,8 @@ import pytest
 
 from unwrinkle.benchmarks import _faults_soak, soak
 
+pytestmark = pytest.mark.alone
+
 
 def quiet(done: int, total: int, stage: str) -> None:
     """Tell nobody."""

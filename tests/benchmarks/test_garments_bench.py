@@ -15,7 +15,7 @@ from unwrinkle.benchmarks._loop_rows import VERTICES
 from unwrinkle.benchmarks._rows import Row
 from unwrinkle.models.archive import load_archive, save_archive
 from unwrinkle.models.errors import InputError
-from unwrinkle.simulation.cloth import Cloth, ClothError, ClothState
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothError, ClothState
 
 # Ours is done after two actions; random spoils the garment; contour gets over 95 % and falls back.
 COURSES = {

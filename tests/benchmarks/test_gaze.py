@@ -5,7 +5,7 @@ import pytest
 
 from unwrinkle.benchmarks import gaze
 from unwrinkle.benchmarks._head_in_cell import HeadInCell
-from unwrinkle.perception.gaze import TOLERANCE
+from unwrinkle.perception.gaze.vergence import TOLERANCE
 
 
 @pytest.fixture(scope="module")

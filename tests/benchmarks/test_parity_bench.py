@@ -4,6 +4,8 @@ import pytest
 
 from unwrinkle.benchmarks import parity
 
+pytestmark = pytest.mark.alone
+
 
 @pytest.mark.slow
 def test_the_forms_agree() -> None:

@@ -24,10 +24,10 @@ from unwrinkle.benchmarks._trajectory_rows import find, problem_of
 from unwrinkle.models.archive import load_archive, save_archive
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import load_cell
-from unwrinkle.planning.joint_lines import time_line
-from unwrinkle.planning.kinematics import Kinematics
-from unwrinkle.planning.poses import POSES
-from unwrinkle.planning.time_law import JointPath, PathLimits
+from unwrinkle.planning.robot.kinematics import Kinematics
+from unwrinkle.planning.search.key_poses import POSES
+from unwrinkle.planning.timing.path_timing import JointPath, PathLimits
+from unwrinkle.planning.timing.straight_lines import time_line
 
 SET = load_paths()
 LIMITS = SET.limits

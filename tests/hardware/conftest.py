@@ -6,22 +6,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from unwrinkle.hardware._sent_cubics import StreamLimits, extremes
-from unwrinkle.hardware.driver import ControllerDriver
-from unwrinkle.hardware.logging_ports import RunLogger
-from unwrinkle.hardware.wire import MessageType, MotionControl
+from unwrinkle.hardware.controller.driver import ControllerDriver
+from unwrinkle.hardware.motoros.wire import MessageType, MotionControl
+from unwrinkle.hardware.run_log.protocol import RunLogger
+from unwrinkle.hardware.streaming.sent_cubics import StreamLimits, extremes
 from unwrinkle.models.limits import Limits, load_limits
 from unwrinkle.models.loader_yaml import models_dir
 from unwrinkle.models.site import ControllerSite
-from unwrinkle.planning.sent import as_float32
+from unwrinkle.planning.sent_samples import as_float32
 from unwrinkle.planning.trajectory import AXES, Trajectory
-from unwrinkle.simulation.controller_server import ControllerServer, ServerFault
-from unwrinkle.simulation.virtual_controller import (
+from unwrinkle.simulation.controllers.controller import (
     GROUP_AXES,
     VirtualController,
     VirtualControllerSettings,
 )
-from unwrinkle.systems.lockstep import MOST_ANSWERS
+from unwrinkle.simulation.controllers.server import ControllerServer, ServerFault
+from unwrinkle.systems.station.lockstep import MOST_ANSWERS
 
 TrajectoryMaker = Callable[..., Trajectory]
 

@@ -8,10 +8,10 @@ import pytest
 from numpy.typing import NDArray
 
 from unwrinkle.perception.camera import Camera
-from unwrinkle.perception.head import Gaze, StereoHead
-from unwrinkle.perception.head_file import nominal_head
-from unwrinkle.perception.stereo_pair import StereoPair
-from unwrinkle.simulation.garments import Ridge, Towel
+from unwrinkle.perception.stereo.head import Gaze, StereoHead
+from unwrinkle.perception.stereo.head_file import nominal_head
+from unwrinkle.perception.stereo.pair import StereoPair
+from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
 
 _TEXEL = 0.0012
 _SIDE = 2.0

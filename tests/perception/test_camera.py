@@ -8,7 +8,7 @@ import pytest
 
 from unwrinkle.models import InputError
 from unwrinkle.perception.camera import Camera, camera_names, load_camera
-from unwrinkle.perception.noise import noise_profile, noise_profile_names
+from unwrinkle.perception.sensor import noise_profile, noise_profile_names
 
 
 def _fields(**changes: Any) -> dict[str, Any]:

@@ -7,8 +7,8 @@ import pytest
 
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.perception.target import FlatteningTarget
-from unwrinkle.planning.kinematics import Kinematics
-from unwrinkle.planning.planner import FlatteningPlanner
+from unwrinkle.planning.robot.kinematics import Kinematics
+from unwrinkle.planning.search.planner import FlatteningPlanner
 
 TargetMaker = Callable[..., FlatteningTarget]
 

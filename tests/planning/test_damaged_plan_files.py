@@ -19,7 +19,7 @@ from unwrinkle.models.archive import load_archive
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.planning.plan import FlatteningPlan, GarmentSurface
-from unwrinkle.planning.planner import FlatteningPlanner
+from unwrinkle.planning.search.planner import FlatteningPlanner
 
 Header = dict[str, Any]
 

@@ -6,9 +6,9 @@ import pytest
 
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import FlatteningTarget
-from unwrinkle.planning.failure import off_table
-from unwrinkle.planning.planner import FlatteningPlanner
-from unwrinkle.planning.verification import verify
+from unwrinkle.planning.search.failure import off_table
+from unwrinkle.planning.search.planner import FlatteningPlanner
+from unwrinkle.planning.verification.verifier import verify
 
 Targets = Callable[[int, int], list[FlatteningTarget]]
 

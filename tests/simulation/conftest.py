@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from unwrinkle.hardware.link import TcpLink
-from unwrinkle.hardware.wire import (
+from unwrinkle.hardware.motoros.link import TcpLink
+from unwrinkle.hardware.motoros.wire import (
     Command,
     FeedbackBody,
     Framer,
@@ -17,12 +17,12 @@ from unwrinkle.hardware.wire import (
     RobotStatusBody,
     TrajectoryPoint,
 )
-from unwrinkle.simulation.controller_server import ControllerServer, ServerFault
-from unwrinkle.simulation.virtual_controller import (
+from unwrinkle.simulation.controllers.controller import (
     GROUP_AXES,
     VirtualController,
     VirtualControllerSettings,
 )
+from unwrinkle.simulation.controllers.server import ControllerServer, ServerFault
 
 LIMITS = (np.full(13, -2.0), np.full(13, 2.5), np.full(13, 3.0))
 Body = TrajectoryPoint | MotionControl | FeedbackBody | MultiFeedback | RobotStatusBody

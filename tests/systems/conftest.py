@@ -14,18 +14,7 @@ from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
-from unwrinkle.models.cloth import load_material
-from unwrinkle.models.robot import Cell, load_cell
-from unwrinkle.models.scenario import load_scenario
-from unwrinkle.models.site import CameraSite, PanTiltSite, loopback_site
-from unwrinkle.perception.head import Gaze
-from unwrinkle.perception.head_file import nominal_calibration
-from unwrinkle.planning.trajectory import Trajectory
-from unwrinkle.simulation.cloth import Cloth, ClothState, Support
-from unwrinkle.simulation.outlines import outline
-from unwrinkle.systems.hardware_station import build_hardware_station
-from unwrinkle.systems.loopback_station import build_loopback_station
-from unwrinkle.systems.ports import (
+from unwrinkle.flattening.station_messages import (
     ControllerStatus,
     GripperCommand,
     GripperStatus,
@@ -33,8 +22,19 @@ from unwrinkle.systems.ports import (
     HeadImage,
     TrajectoryCommand,
 )
-from unwrinkle.systems.sim_station import build_sim_station
-from unwrinkle.virtual_equipment import VirtualEquipment
+from unwrinkle.models.cloth import load_material
+from unwrinkle.models.robot import Cell, load_cell
+from unwrinkle.models.scenario import load_scenario
+from unwrinkle.models.site import CameraSite, PanTiltSite, loopback_site
+from unwrinkle.perception.stereo.head import Gaze
+from unwrinkle.perception.stereo.head_file import nominal_calibration
+from unwrinkle.planning.trajectory import Trajectory
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothState, Support
+from unwrinkle.simulation.cloth.outlines import outline
+from unwrinkle.site.virtual_equipment import VirtualEquipment
+from unwrinkle.systems.station.hardware import build_hardware_station
+from unwrinkle.systems.station.loopback import build_loopback_station
+from unwrinkle.systems.station.simulated import build_sim_station
 
 Array = NDArray[np.float64]
 

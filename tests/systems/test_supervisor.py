@@ -11,15 +11,15 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
+from unwrinkle.flattening import station_messages
+from unwrinkle.flattening.messages import Analysed, Perceived, Planned, PlanRequest, Verified
+from unwrinkle.flattening.state import Situation
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import LoopSettings, load_scenario
-from unwrinkle.perception.head_file import nominal_calibration
+from unwrinkle.perception.stereo.head_file import nominal_calibration
 from unwrinkle.planning.plan import GripperEvent, Segment
 from unwrinkle.planning.trajectory import Trajectory
-from unwrinkle.systems import ports
-from unwrinkle.systems.results import Analysed, Perceived, Planned, PlanRequest, Verified
 from unwrinkle.systems.supervisor import FlatteningSupervisor
-from unwrinkle.systems.supervisor_state import Situation
 
 HOME = np.linspace(-0.3, 0.4, 13)
 BIG = (0.10, 12.0, 0.020, 0.012)  # place, volume score, pull, height
@@ -101,12 +101,16 @@ class Script:
 class World:
     """State of the station."""
 
-    status: ports.ControllerStatus = dc.field(default_factory=ports.ControllerStatus)
-    running: ports.TrajectoryCommand = dc.field(default_factory=ports.TrajectoryCommand)
+    status: station_messages.ControllerStatus = dc.field(
+        default_factory=station_messages.ControllerStatus
+    )
+    running: station_messages.TrajectoryCommand = dc.field(
+        default_factory=station_messages.TrajectoryCommand
+    )
     began: float = 0.0
     q: Any = dc.field(default_factory=lambda: HOME)
     v: Any = dc.field(default_factory=lambda: np.zeros(13))
-    grip: ports.GripperStatus = dc.field(default_factory=ports.GripperStatus)
+    grip: station_messages.GripperStatus = dc.field(default_factory=station_messages.GripperStatus)
     exposed: int = 0
 
 
@@ -119,9 +123,9 @@ class FakeStation(LeafSystem):
         self.state = self.DeclareAbstractState(AbstractValue.Make(World()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(0.02, 0.01, self.update)
         for name, kind in {
-            "trajectory": ports.TrajectoryCommand,
-            "gripper.command": ports.GripperCommand,
-            "head.command": ports.HeadCommand,
+            "trajectory": station_messages.TrajectoryCommand,
+            "gripper.command": station_messages.GripperCommand,
+            "head.command": station_messages.HeadCommand,
             "request": PlanRequest,
         }.items():
             self.DeclareAbstractInputPort(name, AbstractValue.Make(kind()))
@@ -130,8 +134,10 @@ class FakeStation(LeafSystem):
         self.vector("joints.position_measured", 13, lambda w: w.q, ticket)
         self.vector("joints.velocity_measured", 13, lambda w: w.v, ticket)
         self.vector("exposed", 1, lambda w: [w.exposed], ticket)
-        self.value("controller.status", ports.ControllerStatus, lambda w, _: w.status, ticket)
-        self.value("gripper.status", ports.GripperStatus, lambda w, _: w.grip, ticket)
+        self.value(
+            "controller.status", station_messages.ControllerStatus, lambda w, _: w.status, ticket
+        )
+        self.value("gripper.status", station_messages.GripperStatus, lambda w, _: w.grip, ticket)
         self.value("range_map", Perceived, lambda w, _: self.perceive(w), ticket)
         self.value("analysis", Analysed, lambda w, _: self.analyse(w), ticket)
         self.value("plan", Planned, lambda _, c: self.plan(c), request)
@@ -159,7 +165,9 @@ class FakeStation(LeafSystem):
         command = self.GetInputPort("trajectory").Eval(context)
         if command.number > max(world.status.command, script.silent * (world.status.command == 0)):
             script.sent.append((command.name, time))
-            status = ports.ControllerStatus("running", command.number, world.status.completed)
+            status = station_messages.ControllerStatus(
+                "running", command.number, world.status.completed
+            )
             if command.number == script.refuses:
                 status = dc.replace(status, state="idle", reason="it does not like it")
             if command.trajectory is None:
@@ -172,14 +180,15 @@ class FakeStation(LeafSystem):
             motion = moving.interpolant()
             world = dc.replace(world, q=motion(t), v=motion(t, 1))
             if t == moving.duration and command.number != script.hangs:
-                done = ports.ControllerStatus("idle", command.number, command.number)
+                done = station_messages.ControllerStatus("idle", command.number, command.number)
                 world = dc.replace(world, status=done)
         grip = self.GetInputPort("gripper.command").Eval(context)
         if grip.number > world.grip.command and not script.stuck:
             script.sent.append((f"gripper {grip.closed[0]:d}{grip.closed[1]:d}", time))
             holding = (grip.closed[0] and grip.number not in script.misses, grip.closed[1])
             world = dc.replace(
-                world, grip=ports.GripperStatus(grip.number, (0.0, 0.0), grip.closed, holding)
+                world,
+                grip=station_messages.GripperStatus(grip.number, (0.0, 0.0), grip.closed, holding),
             )
         head = self.GetInputPort("head.command").Eval(context)
         if head.number > world.exposed and head.number not in script.dark:

@@ -11,14 +11,13 @@ import pytest
 from numpy.typing import NDArray
 
 from unwrinkle import cli
-from unwrinkle.garment_mesh import garment_of
 from unwrinkle.models.robot import Cell, load_cell
-from unwrinkle.perception.analysis import Analysis, analyse
 from unwrinkle.perception.camera import Camera
-from unwrinkle.perception.capture import range_map_from_capture
-from unwrinkle.perception.head import Gaze
-from unwrinkle.perception.noise import noise_profile
+from unwrinkle.perception.depth.range_mapping import range_map_from_capture
+from unwrinkle.perception.sensor import noise_profile
+from unwrinkle.perception.stereo.head import Gaze
 from unwrinkle.perception.target import FlatteningTarget, HandTarget
+from unwrinkle.perception.wrinkles.analysis import Analysis, analyse
 from unwrinkle.planning.plan import (
     ArmChoice,
     FlatteningPlan,
@@ -27,15 +26,21 @@ from unwrinkle.planning.plan import (
     PoseMark,
     Segment,
 )
-from unwrinkle.planning.planner import FlatteningPlanner
-from unwrinkle.planning.poses import POSES
+from unwrinkle.planning.search.key_poses import POSES
+from unwrinkle.planning.search.planner import FlatteningPlanner
 from unwrinkle.planning.trajectory import Trajectory
-from unwrinkle.planning.verification import verify
-from unwrinkle.planning.verification_verdict import Verdict
-from unwrinkle.playback import Playback
-from unwrinkle.run_folder import ActionRecord, MotionRecord, RunFolder, RunSettings, SegmentMark
-from unwrinkle.simulation.garments import Towel, capture_of, overhead_pose, wrinkled_towel
-from unwrinkle.simulation.meshes import grid_triangles
+from unwrinkle.planning.verification.verdict import Verdict
+from unwrinkle.planning.verification.verifier import verify
+from unwrinkle.runs.folder import ActionRecord, MotionRecord, RunFolder, RunSettings, SegmentMark
+from unwrinkle.simulation.rendering.meshes import grid_triangles
+from unwrinkle.simulation.rendering.synthetic_towel import (
+    Towel,
+    capture_of,
+    overhead_pose,
+    wrinkled_towel,
+)
+from unwrinkle.viewer.garment_mesh import garment_of
+from unwrinkle.viewer.playback import Playback
 
 RIGHT, LEFT = ArmChoice(1, 0.1, 0.8, 1.0), ArmChoice(0, -0.1, 0.9, 0.5)
 

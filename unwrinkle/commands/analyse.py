@@ -1,6 +1,6 @@
 """``unwrinkle analyse``: a capture in, its wrinkles, pictures and flattening target out."""
 
-from unwrinkle.commands._capture import (
+from unwrinkle.commands._shared.capture import (
     CameraOption,
     CaptureArgument,
     CaptureOptions,

@@ -10,10 +10,10 @@ import typer
 from unwrinkle.models.errors import InputError
 
 if TYPE_CHECKING:
-    from unwrinkle.perception.boards import Board
-    from unwrinkle.perception.calibration_files import Told
+    from unwrinkle.perception.calibration.boards import Board
+    from unwrinkle.perception.calibration.files import Told
     from unwrinkle.perception.camera import Camera
-    from unwrinkle.perception.head_file import HeadCalibration
+    from unwrinkle.perception.stereo.head_file import HeadCalibration
 
 calibrate = typer.Typer(
     help="Calibrate cameras, the stereo head, or a camera in the gripper, from images of a board.",
@@ -44,9 +44,9 @@ def stereo(
     out: Annotated[Path, typer.Option(help="The calibration file.")] = Path("stereo.yaml"),
 ) -> None:
     """Intrinsics of both cameras and the pose between them, from at least 8 pairs."""
-    from unwrinkle.calibration_pictures import save_residuals
-    from unwrinkle.perception.calibration import calibrate_stereo
-    from unwrinkle.perception.calibration_files import find_pairs, save_record, view_pairs
+    from unwrinkle.perception.calibration.files import find_pairs, save_record, view_pairs
+    from unwrinkle.perception.calibration.stereo import calibrate_stereo
+    from unwrinkle.report.calibration_pictures import save_residuals
 
     wanted = _board(board, square, charuco, marker)
     pairs = find_pairs(images)
@@ -109,15 +109,15 @@ def hand_eye(
         return
     if stereo is None or looks is None:
         raise InputError("calibrate hand-eye: the head needs --stereo FILE and --looks FILE")
-    from unwrinkle.perception.calibration_files import load_stereo
-    from unwrinkle.perception.head_file import load_calibration, nominal_calibration
+    from unwrinkle.perception.calibration.files import load_stereo
+    from unwrinkle.perception.stereo.head_file import load_calibration, nominal_calibration
 
     pair = load_stereo(stereo)
     wanted = pair.board if board is None else _board(board, square, charuco, marker)
     nominal = load_calibration(head) if head is not None else nominal_calibration()
-    from unwrinkle.calibration_pictures import save_residuals
-    from unwrinkle.perception.calibration_files import view_looks
-    from unwrinkle.perception.head_calibration import calibrate_head
+    from unwrinkle.perception.calibration.files import view_looks
+    from unwrinkle.perception.calibration.head import calibrate_head
+    from unwrinkle.report.calibration_pictures import save_residuals
 
     out = out or Path("head-calibration.yaml")
     with _progress("finding boards") as told:
@@ -151,11 +151,11 @@ def hand_eye(
 
 
 def _gripper(poses: Path, camera: str | None, board: "Board", out: Path) -> None:
-    from unwrinkle.calibration_pictures import save_residuals
-    from unwrinkle.perception.calibration_files import MountedCamera, save_record, view_poses
+    from unwrinkle.models.transforms import PoseRecord
+    from unwrinkle.perception.calibration.files import MountedCamera, save_record, view_poses
+    from unwrinkle.perception.calibration.gripper import calibrate_gripper_camera
     from unwrinkle.perception.camera import load_camera
-    from unwrinkle.perception.gripper_calibration import calibrate_gripper_camera
-    from unwrinkle.perception.pose import PoseRecord
+    from unwrinkle.report.calibration_pictures import save_residuals
 
     known = load_camera(camera) if camera is not None else None
     with _progress("finding boards") as told:
@@ -185,7 +185,7 @@ def _board(board: str | None, square: float | None, charuco: str | None, marker:
     Raises:
         InputError: its size is missing or no size.
     """
-    from unwrinkle.perception.boards import Board
+    from unwrinkle.perception.calibration.boards import Board
 
     if board is None or square is None:
         raise InputError("calibrate: say which board, as --board 9x6 --square 0.025")

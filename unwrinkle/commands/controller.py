@@ -52,10 +52,10 @@ def controller(
 
     from rich.console import Console
 
-    from unwrinkle.simulation.controller_server import KINDS, ServerFault
-    from unwrinkle.simulation.virtual_controller import VirtualControllerSettings
-    from unwrinkle.sites import find_site, site_cell
-    from unwrinkle.virtual_equipment import VirtualEquipment
+    from unwrinkle.simulation.controllers.controller import VirtualControllerSettings
+    from unwrinkle.simulation.controllers.server import KINDS, ServerFault
+    from unwrinkle.site.sites import find_site, site_cell
+    from unwrinkle.site.virtual_equipment import VirtualEquipment
 
     console = Console()
 

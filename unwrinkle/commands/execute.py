@@ -43,7 +43,7 @@ def execute(
     ] = None,
 ) -> None:
     """Check everything, show the plan and, with --go, run it; exit code 4 where a device or check stands against it."""
-    from unwrinkle.execution_session import ExecutionOptions, ExecutionSession
+    from unwrinkle.execution.session import ExecutionOptions, ExecutionSession
 
     options = ExecutionOptions(
         plan=plan,

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from unwrinkle.commands._capture import ScenarioOption
+from unwrinkle.commands._shared.capture import ScenarioOption
 from unwrinkle.models.errors import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from unwrinkle.confirmation import Confirmation
-    from unwrinkle.flattening_run import Ending
-    from unwrinkle.flattening_session import Session
+    from unwrinkle.closed_loop.run import Ending
+    from unwrinkle.closed_loop.session import Session
+    from unwrinkle.execution.confirmation import Confirmation
     from unwrinkle.models.site import Site
 
 #: Exit codes beside 0 (flat) and 2 (bad input): an honest stop, a fault, an interrupt.
@@ -93,7 +93,7 @@ def flatten(
     """Look, plan, prove, pull, and look again, until the garment is flat; watch it, and read its report."""
     from rich.console import Console
 
-    from unwrinkle.flattening_session import Choices, begin, go_on
+    from unwrinkle.closed_loop.session import Choices, begin, go_on
 
     console = Console()
     choices = Choices(
@@ -121,19 +121,19 @@ def _devices(
     site: str | None, go: bool, console: "Console"
 ) -> tuple["Site | None", "Confirmation | None"]:
     """The site, and who is asked about each plan."""
-    from unwrinkle.confirmation import Confirmation
-    from unwrinkle.sites import find_site
+    from unwrinkle.execution.confirmation import Confirmation
+    from unwrinkle.site.sites import find_site
 
     return None if site is None else find_site(site), Confirmation(console) if go else None
 
 
 def _run(session: "Session", console: "Console", *, live: bool, port: int | None) -> "Ending":
-    from unwrinkle.flattening_progress import Progress
-    from unwrinkle.live_watcher import LiveWatcher
+    from unwrinkle.closed_loop.progress import Progress
+    from unwrinkle.closed_loop.watcher import LiveWatcher
 
     watchers: list[LiveWatcher] = []
     if live:
-        from unwrinkle.scene import start_meshcat
+        from unwrinkle.viewer.scene import start_meshcat
 
         meshcat = start_meshcat(port=port)
         console.print(f"live at {meshcat.web_url()}", highlight=False, soft_wrap=True)

@@ -22,8 +22,8 @@ def show(path: _LogArgument) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from unwrinkle.hardware.run_log_reader import read_run_log
-    from unwrinkle.log_summary import event_rows, summary_rows
+    from unwrinkle.hardware.run_log.reader import read_run_log
+    from unwrinkle.logs.summary import event_rows, summary_rows
 
     records = read_run_log(path)
     console = Console()
@@ -48,8 +48,8 @@ def replay(
     """Write a page with the robot's measured motion."""
     from rich.console import Console
 
-    from unwrinkle.hardware.run_log_reader import read_run_log
-    from unwrinkle.log_replay import cell_of, plan_of, replay_page
+    from unwrinkle.hardware.run_log.reader import read_run_log
+    from unwrinkle.logs.replay import cell_of, plan_of, replay_page
     from unwrinkle.models.files import write_text
 
     records = read_run_log(path)
@@ -67,8 +67,8 @@ def export(
     """Export it for tools that plot and replay recordings."""
     from rich.console import Console
 
-    from unwrinkle.hardware.run_log_reader import read_run_log
-    from unwrinkle.log_export import export_mcap
+    from unwrinkle.hardware.run_log.reader import read_run_log
+    from unwrinkle.logs.export import export_mcap
 
     count = export_mcap(read_run_log(path), mcap)
     Console().print(f"{mcap}: {count} messages", highlight=False, soft_wrap=True)

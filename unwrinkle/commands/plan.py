@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from unwrinkle.commands._capture import (
+from unwrinkle.commands._shared.capture import (
     CameraOption,
     CaptureArgument,
     CaptureOptions,
@@ -26,7 +26,7 @@ from unwrinkle.commands._capture import (
     print_wrinkles,
     save_analysis,
 )
-from unwrinkle.commands._posture import StartOption, posture
+from unwrinkle.commands._shared.posture import StartOption, posture
 from unwrinkle.models.errors import NoSafePlanError
 
 if TYPE_CHECKING:
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from unwrinkle.models.robot import Cell
-    from unwrinkle.perception.analysis import Analysis
-    from unwrinkle.planning.planner import PlanResult
-    from unwrinkle.planning.verification_verdict import Verdict
+    from unwrinkle.perception.wrinkles.analysis import Analysis
+    from unwrinkle.planning.search.planner import PlanResult
+    from unwrinkle.planning.verification.verdict import Verdict
 
 
 _PLAN, _VERDICT, _PAGE = _PLAN_FILES = ("plan.npz", "verdict.json", "preview.html")
@@ -117,10 +117,10 @@ def _planned(
     Raises:
         NoSafePlanError: there are wrinkles to flatten, and no safe motion for any.
     """
-    from unwrinkle.garment_mesh import garment_of
+    from unwrinkle.flattening.verified_planning import plan_verified
     from unwrinkle.perception.target import NoTarget
-    from unwrinkle.planning.planner import FlatteningPlanner
-    from unwrinkle.planning.verified import plan_verified
+    from unwrinkle.planning.search.planner import FlatteningPlanner
+    from unwrinkle.viewer.garment_mesh import garment_of
 
     if analysis.flat:
         return None
@@ -149,7 +149,8 @@ def _save_plan(
     folder: Path, result: "PlanResult", verdict: "Verdict", cell: "Cell", title: str
 ) -> None:
     from unwrinkle.models.files import write_json, write_text
-    from unwrinkle.preview import PreviewSummary, preview_page
+    from unwrinkle.viewer.overlay import PreviewSummary
+    from unwrinkle.viewer.preview import preview_page
 
     assert result.plan is not None
     result.plan.save(folder / _PLAN)

@@ -30,9 +30,10 @@ def preview(
     from unwrinkle.models.robot import load_cell
     from unwrinkle.models.scenario import load_scenario
     from unwrinkle.planning.plan import FlatteningPlan
-    from unwrinkle.planning.verification import verify
-    from unwrinkle.preview import LivePreview, PreviewSummary, preview_page
-    from unwrinkle.scene import start_meshcat
+    from unwrinkle.planning.verification.verifier import verify
+    from unwrinkle.viewer.overlay import PreviewSummary
+    from unwrinkle.viewer.preview import LivePreview, preview_page
+    from unwrinkle.viewer.scene import start_meshcat
 
     cell = load_cell(load_scenario(scenario))
     loaded = FlatteningPlan.load(plan)

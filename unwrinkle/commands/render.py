@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from unwrinkle.commands._capture import ScenarioOption, SeedOption, finished_folder
+from unwrinkle.commands._shared.capture import ScenarioOption, SeedOption, finished_folder
 from unwrinkle.models.errors import InputError
 
 if TYPE_CHECKING:
     from unwrinkle.models.robot import Cell
-    from unwrinkle.perception.head import Gaze, StereoHead
     from unwrinkle.perception.range_map import RangeMap
-    from unwrinkle.simulation.garments import Towel
+    from unwrinkle.perception.stereo.head import Gaze, StereoHead
+    from unwrinkle.simulation.rendering.synthetic_towel import Towel
 
 _GARMENTS = ("towel", "flat")
 _LEFT, _RIGHT, _LOOK, _TRUTH = ("left.png", "right.png", "head.yaml", "truth.npz")
@@ -42,7 +42,7 @@ def render(
 
     from unwrinkle.models.robot import load_cell
     from unwrinkle.models.scenario import load_scenario
-    from unwrinkle.perception.head_file import NOMINAL_HEAD, Look, nominal_calibration
+    from unwrinkle.perception.stereo.head_file import NOMINAL_HEAD, Look, nominal_calibration
 
     if garment not in _GARMENTS:
         raise InputError(f"garment {garment!r}: unknown; known are {', '.join(_GARMENTS)}")
@@ -110,9 +110,9 @@ def _write_pair(
     import cv2
     import numpy as np
 
-    from unwrinkle.simulation.image_noise import photograph_pair, scaled_camera
-    from unwrinkle.simulation.meshes import towel_mesh
-    from unwrinkle.simulation.rendering import Renderer
+    from unwrinkle.simulation.rendering.image_noise import photograph_pair, scaled_camera
+    from unwrinkle.simulation.rendering.meshes import towel_mesh
+    from unwrinkle.simulation.rendering.renderer import Renderer
 
     scaled_camera(head.left.camera, scale)  # refuses a wrong scale before any work
     X_WL, X_WR = head.poses(gaze)
@@ -138,7 +138,7 @@ def _towel(garment: str, seed: int, cell: "Cell") -> "Towel":
     """The towel at the garment's place in the cell."""
     import dataclasses as dc
 
-    from unwrinkle.simulation.garments import wrinkled_towel
+    from unwrinkle.simulation.rendering.synthetic_towel import wrinkled_towel
 
     towel = wrinkled_towel(seed)
     x, y = cell.scenario.garment_centre

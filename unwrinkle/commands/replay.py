@@ -23,13 +23,13 @@ def replay(
     """Write a run's replay and report from what its folder holds, or show the run live."""
     from rich.console import Console
 
-    from unwrinkle.live_replay import LiveReplay
     from unwrinkle.models.robot import load_cell
     from unwrinkle.models.scenario import load_scenario
-    from unwrinkle.run_folder import RunFolder
-    from unwrinkle.run_replay import write_replay
-    from unwrinkle.run_report import write_report
-    from unwrinkle.scene import start_meshcat
+    from unwrinkle.report.live import LiveReplay
+    from unwrinkle.report.page import write_report
+    from unwrinkle.report.replay import write_replay
+    from unwrinkle.runs.folder import RunFolder
+    from unwrinkle.viewer.scene import start_meshcat
 
     folder = RunFolder.open(run)
     cell = load_cell(load_scenario(folder.scenario_file if scenario is None else scenario))

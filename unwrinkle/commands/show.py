@@ -19,11 +19,11 @@ def show(
     """Show the cell, as it looks and as the collision checks see it."""
     from rich.console import Console
 
-    from unwrinkle.cell_view import CellView
     from unwrinkle.models.files import write_text
     from unwrinkle.models.robot import load_cell
     from unwrinkle.models.scenario import load_scenario
-    from unwrinkle.scene import start_meshcat
+    from unwrinkle.viewer.cell_view import CellView
+    from unwrinkle.viewer.scene import start_meshcat
 
     cell = load_cell(load_scenario(scenario))
     view = CellView(cell, meshcat := start_meshcat(host), state=state)

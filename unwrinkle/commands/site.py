@@ -34,9 +34,9 @@ def check(
     from rich.table import Table
 
     from unwrinkle.models.errors import HardwareError
-    from unwrinkle.queue_clearing import clear_confirmed
-    from unwrinkle.site_check import check_site
-    from unwrinkle.sites import find_site, site_cell
+    from unwrinkle.site.check import check_site
+    from unwrinkle.site.queue_clearing import clear_confirmed
+    from unwrinkle.site.sites import find_site, site_cell
 
     found = find_site(name)
     limits = site_cell(found).limits

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from unwrinkle.commands._posture import StartOption, posture
+from unwrinkle.commands._shared.posture import StartOption, posture
 from unwrinkle.models.errors import NoSafePlanError
 
 #: Columns of a table that is not shown in a terminal.
@@ -28,7 +28,7 @@ def verify(
     from unwrinkle.models.robot import load_cell
     from unwrinkle.models.scenario import load_scenario
     from unwrinkle.planning.plan import FlatteningPlan
-    from unwrinkle.planning.verification import verify as verify_plan
+    from unwrinkle.planning.verification.verifier import verify as verify_plan
 
     cell = load_cell(load_scenario(scenario))
     loaded = FlatteningPlan.load(plan)

@@ -6,8 +6,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from unwrinkle.executor import PlanExecutor
-from unwrinkle.hardware.values import (
+from unwrinkle.execution.executor import PlanExecutor
+from unwrinkle.hardware.controller_state import (
     FAULT,
     HELD,
     READY,

@@ -15,16 +15,16 @@ import numpy as np
 import pytest
 import yaml
 
-from unwrinkle.execution_session import ExecutionOptions, ExecutionSession
-from unwrinkle.hardware.run_log_reader import RunLogRecords, read_run_log
+from unwrinkle.execution.session import ExecutionOptions, ExecutionSession
+from unwrinkle.hardware.run_log.reader import RunLogRecords, read_run_log
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.planning.plan import FlatteningPlan
-from unwrinkle.planning.planner import FlatteningPlanner
-from unwrinkle.planning.sent import as_sent
-from unwrinkle.sites import find_site
+from unwrinkle.planning.search.planner import FlatteningPlanner
+from unwrinkle.planning.sent_samples import as_sent
+from unwrinkle.site.sites import find_site
 
-pytestmark = [pytest.mark.end_to_end, pytest.mark.slow]
+pytestmark = [pytest.mark.end_to_end, pytest.mark.slow, pytest.mark.alone]
 
 ROBOT = Path(__file__).with_name("virtual_robot.py")
 LONGEST = 60.0

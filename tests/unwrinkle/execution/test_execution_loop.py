@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from unwrinkle.execution_controls import (
+from unwrinkle.execution.controls import (
     Instruction,
     KeyControls,
     LineControls,
@@ -16,9 +16,11 @@ from unwrinkle.execution_controls import (
     parse_instruction,
     parse_key,
 )
-from unwrinkle.execution_loop import Interrupts, run_to_the_end
-from unwrinkle.executor import DONE, STOPPED
+from unwrinkle.execution.executor import DONE, STOPPED
+from unwrinkle.execution.loop import Interrupts, run_to_the_end
 from unwrinkle.models.errors import InputError
+
+pytestmark = pytest.mark.alone
 
 
 class Script:

@@ -10,11 +10,13 @@ from urllib.parse import urlparse
 import numpy as np
 import pytest
 
-from unwrinkle.execution_page import PERIOD, ExecutionPage
-from unwrinkle.hardware.values import JointFeedback
+from unwrinkle.execution.page import PERIOD, ExecutionPage
+from unwrinkle.hardware.controller_state import JointFeedback
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import FlatteningPlan
-from unwrinkle.scene import start_meshcat
+from unwrinkle.viewer.scene import start_meshcat
+
+pytestmark = pytest.mark.alone
 
 
 def browser(url: str) -> socket.socket:

@@ -5,10 +5,12 @@ from typing import Any
 
 import pytest
 
-from unwrinkle.executor import DONE, FAILED, STOPPED, PlanExecutor
-from unwrinkle.hardware.logging_ports import NoLog
-from unwrinkle.hardware.values import HELD
+from unwrinkle.execution.executor import DONE, FAILED, STOPPED, PlanExecutor
+from unwrinkle.hardware.controller_state import HELD
+from unwrinkle.hardware.run_log.protocol import NoLog
 from unwrinkle.models.errors import InputError
+
+pytestmark = pytest.mark.alone
 
 STEP = 0.02
 

@@ -11,11 +11,11 @@ import time
 
 import numpy as np
 
-from unwrinkle.hardware.wire import MessageType
+from unwrinkle.hardware.motoros.wire import MessageType
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.site import loopback_site
-from unwrinkle.simulation.controller_server import ControllerServer
-from unwrinkle.simulation.virtual_controller import VirtualController, VirtualControllerSettings
+from unwrinkle.simulation.controllers.controller import VirtualController, VirtualControllerSettings
+from unwrinkle.simulation.controllers.server import ControllerServer
 
 MOTION = (
     MessageType.MOTION_CTRL,

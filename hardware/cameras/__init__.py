@@ -1,0 +1,1 @@
+"""Drivers of the head's cameras and of the depth camera."""

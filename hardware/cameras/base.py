@@ -1,0 +1,188 @@
+"""The head's two cameras: one exposure of the pair at a time, never waited for, with a reason where there is none."""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.hardware.cameras.exposure import Exposer
+from unwrinkle.models.errors import HardwareError
+from unwrinkle.models.site import CameraSite
+
+Picture = NDArray[np.uint8]
+
+#: Smallest picture that can be one, pixels.
+_SMALLEST = 16
+
+
+@dataclass(frozen=True, eq=False)
+class PairPicture:
+    """One exposure of both eyes.
+
+    Attributes:
+        number: of the exposure.
+        left, right: (h, w, 3) uint8 RGB, read-only; None where there is no pair.
+        time_left, time_right: of the exposures on the computer's clock, s since 1970.
+        reason: why there is no pair; else empty.
+    """
+
+    number: int = 0
+    left: Picture | None = None
+    right: Picture | None = None
+    time_left: float = 0.0
+    time_right: float = 0.0
+    reason: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """One eye's picture (h, w, 3) uint8 RGB and its time, s since 1970."""
+
+    pixels: Picture
+    time: float
+
+
+Pair = tuple[Shot, Shot]
+
+
+class PairCamera(Protocol):
+    """Whatever takes the pictures."""
+
+    def start(self, number: int) -> None:
+        """Begin an exposure; one under way is given up."""
+        ...
+
+    def poll(self, now: float) -> None:
+        """Look whether it is done; never waits. `now` is of any clock, s."""
+        ...
+
+    @property
+    def result(self) -> PairPicture | None:
+        """The last exposure's; None while one is under way, and before the first."""
+        ...
+
+    def close(self) -> None:
+        """Give up what is under way and let go of the devices."""
+        ...
+
+
+class GrabbedPair:
+    """A pair camera made of one function that takes both pictures and may hang, fail, or return nonsense."""
+
+    def __init__(
+        self,
+        grab: Callable[[threading.Event], Pair],
+        site: CameraSite,
+        what: str,
+        *,
+        margin: float = 0.0,
+    ) -> None:
+        """Nothing is exposed before `start`.
+
+        Args:
+            grab: takes left and right; it should end when its event is set. Raises HardwareError.
+            site: timeout, attempts, and skew.
+            what: for messages, as "cameras (folder pictures/)".
+            margin: s by which this waits longer than `grab`, which keeps the deadline itself.
+        """
+        self._skew = site.skew
+        self._exposer = Exposer(
+            grab, self._problem, timeout=site.timeout + margin, attempts=site.attempts, what=what
+        )
+        self._result: PairPicture | None = None
+
+    def start(self, number: int) -> None:
+        """Begin an exposure; one under way is given up."""
+        self._result = None
+        self._exposer.start(number)
+
+    def poll(self, now: float) -> None:
+        """Look whether it is done, overdue, or to be tried again; `now` is of any clock, s."""
+        self._exposer.poll(now)
+
+    @property
+    def result(self) -> PairPicture | None:
+        """The last exposure's; None while one is under way, and before the first."""
+        outcome = self._exposer.outcome
+        if self._result is None and outcome is not None:
+            if outcome.taken is None:
+                self._result = PairPicture(outcome.number, reason=outcome.reason)
+            else:
+                left, right = outcome.taken
+                for shot in (left, right):
+                    shot.pixels.flags.writeable = False
+                self._result = PairPicture(
+                    outcome.number, left.pixels, right.pixels, left.time, right.time
+                )
+        return self._result
+
+    def wait(self, deadline: float) -> bool:
+        """Wait until there is something for `poll` to look at, at most so long (s); whether there is."""
+        return self._exposer.wait(deadline)
+
+    def close(self) -> None:
+        """Give up what is under way."""
+        self._exposer.close()
+
+    def _problem(self, pair: Pair) -> str:
+        for name, shot in zip(("left", "right"), pair, strict=True):
+            pixels = shot.pixels
+            if (
+                not isinstance(pixels, np.ndarray)
+                or pixels.dtype != np.uint8
+                or pixels.ndim != 3
+                or pixels.shape[2] != 3
+                or min(pixels.shape[:2]) < _SMALLEST
+            ):
+                shape = getattr(pixels, "shape", None)
+                return f"the {name} camera's picture is no (h, w, 3) uint8 picture, but {shape}"
+        left, right = pair
+        if left.pixels.shape != right.pixels.shape:
+            return (
+                f"the pictures' sizes differ: left {left.pixels.shape[:2]}, right {right.pixels.shape[:2]}; "
+                "set both cameras to the same mode"
+            )
+        apart = abs(left.time - right.time)
+        if not apart <= self._skew:
+            return (
+                f"the two eyes' exposures are {apart:.2f} s apart, at most {self._skew:g} s (the site's skew); "
+                "they do not show the same scene"
+            )
+        return ""
+
+
+def read_picture(path: Path) -> Picture:
+    """A picture file as (h, w, 3) uint8 RGB.
+
+    Raises:
+        HardwareError: it cannot be read or is no picture.
+    """
+    import cv2
+
+    try:
+        data = np.fromfile(path, dtype=np.uint8)
+    except OSError as error:
+        raise HardwareError(f"cannot read {path}: {error.strerror or error}") from None
+    image = cv2.imdecode(data, cv2.IMREAD_COLOR_RGB) if data.size else None
+    if image is None:
+        raise HardwareError(
+            f"{path} is no picture that can be read ({data.size} bytes); set the camera to JPEG or PNG"
+        )
+    return np.asarray(image, dtype=np.uint8)
+
+
+def expose(camera: PairCamera, number: int, deadline: float) -> PairPicture:
+    """Take one pair and wait for it, at most so long (s)."""
+    end = time.monotonic() + deadline
+    camera.start(number)
+    while time.monotonic() < end:
+        camera.poll(time.monotonic())
+        if camera.result is not None:
+            return camera.result
+        time.sleep(0.002)
+    return PairPicture(number, reason=f"no pair within {deadline:g} s")

@@ -1,0 +1,139 @@
+"""Pairs of picture files: those of a folder in order, or the newest that another program writes there."""
+
+import threading
+import time
+from pathlib import Path
+
+from unwrinkle.hardware.cameras.base import GrabbedPair, Pair, Shot, read_picture
+from unwrinkle.models.errors import HardwareError, InputError
+from unwrinkle.models.site import CameraSite
+
+ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+
+#: The watched folder is looked at this often, s; a file that does not change between two looks is whole.
+LOOK_PERIOD = 0.1
+
+# What is known of a file from outside: time of its last change, ns, and bytes.
+_State = tuple[int, int]
+
+
+def _folder(site: CameraSite) -> Path:
+    if not site.folder:
+        raise InputError(f"cameras.kind '{site.kind}' needs cameras.folder in the site")
+    folder = Path(site.folder).expanduser()
+    if not folder.is_dir():
+        raise HardwareError(f"cameras: there is no folder {folder}")
+    return folder
+
+
+def pairs_in(folder: Path, left: str = "left", right: str = "right") -> list[tuple[Path, Path]]:
+    """Pairs of files LEFT*.png and RIGHT*.png with the same rest of their names, in the order of names.
+
+    Args:
+        folder: where they are.
+        left, right: how the names begin.
+    """
+    files = {path.name: path for path in folder.iterdir() if path.suffix.lower() in ENDINGS}
+    return [
+        (files[name], files[right + name[len(left) :]])
+        for name in sorted(files)
+        if name.startswith(left) and right + name[len(left) :] in files
+    ]
+
+
+class FolderCamera(GrabbedPair):
+    """Takes the pairs of a folder one after the other; after the last there is none."""
+
+    def __init__(self, site: CameraSite) -> None:
+        """Look for the pairs.
+
+        Raises:
+            InputError: the site names no folder.
+            HardwareError: there is no such folder, or no pair in it.
+        """
+        folder = _folder(site)
+        begins = (site.left or "left", site.right or "right")
+        self._pairs = pairs_in(folder, *begins)
+        if not self._pairs:
+            raise HardwareError(
+                f"cameras: folder {folder} has no pair of files {begins[0]}*.png and {begins[1]}*.png"
+            )
+        self._next = 0
+        self._folder = folder
+        super().__init__(self._read, site, f"cameras (folder {folder})")
+
+    def start(self, number: int) -> None:
+        """Begin to read the next pair; one that cannot be read is passed over by the next start."""
+        self._next += 1
+        super().start(number)
+
+    def _read(self, cancel: threading.Event) -> Pair:
+        index = self._next - 1
+        if index >= len(self._pairs):
+            raise HardwareError(f"all {len(self._pairs)} pairs of {self._folder} have been taken")
+        left, right = self._pairs[index]
+        # Copied files say nothing of when they were exposed.
+        now = time.time()
+        return Shot(read_picture(left), now), Shot(read_picture(right), now)
+
+
+class WatchCamera(GrabbedPair):
+    """Takes the newest whole pair that is written into a folder after `start`.
+
+    For cameras that another program releases and downloads. The times of the two files' last change
+    are those of the exposures.
+    """
+
+    def __init__(self, site: CameraSite) -> None:
+        """Watch from the first `start`.
+
+        Raises:
+            InputError: the site names no folder.
+            HardwareError: there is no such folder.
+        """
+        self._folder = _folder(site)
+        self._begins = (site.left or "left", site.right or "right")
+        self._before: dict[Path, _State] = {}
+        super().__init__(self._watch, site, f"cameras (watching {self._folder})")
+
+    def start(self, number: int) -> None:
+        """Watch for a pair that is new from now on."""
+        self._before = self._states()
+        super().start(number)
+
+    def _states(self) -> dict[Path, _State]:
+        found = {}
+        for pair in pairs_in(self._folder, *self._begins):
+            for path in pair:
+                try:
+                    stat = path.stat()
+                except FileNotFoundError:
+                    continue
+                found[path] = (stat.st_mtime_ns, stat.st_size)
+        return found
+
+    def _watch(self, cancel: threading.Event) -> Pair:
+        last: dict[Path, _State] = {}
+        before = self._before
+        while True:
+            states = self._states()
+            new = [
+                pair
+                for pair in pairs_in(self._folder, *self._begins)
+                if all(
+                    path in states
+                    and states[path] != before.get(path)
+                    and states[path] == last.get(path)
+                    and states[path][1] > 0
+                    for path in pair
+                )
+            ]
+            if new:
+                left, right = max(new, key=lambda pair: max(states[path][0] for path in pair))
+                return (
+                    Shot(read_picture(left), states[left][0] * 1e-9),
+                    Shot(read_picture(right), states[right][0] * 1e-9),
+                )
+            last = states
+            if cancel.wait(LOOK_PERIOD):
+                raise HardwareError(f"no new pair in {self._folder}")

@@ -1,0 +1,199 @@
+"""A depth camera (Xtion) through OpenNI2, where its library and Python's binding are present."""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.hardware.cameras.exposure import Exposer
+from unwrinkle.models.errors import HardwareError
+from unwrinkle.models.site import CameraSite
+
+#: Size of the frames that are asked for, columns and rows; devices begin with a smaller one.
+SIZE = (640, 480)
+
+_MILLIMETRE = 1e-3
+#: ASSUMED: so many first frames of a stream are passed over, since depth settles in them.
+_UNSTEADY = 5
+
+
+@dataclass(frozen=True, eq=False)
+class DepthPicture:
+    """One exposure of a depth camera.
+
+    Attributes:
+        number: of the exposure.
+        depth: (h, w) float32 m along the axis, NaN where there is none; None where there is no picture.
+        time: of the exposure, s since 1970.
+        reason: why there is no picture; else empty.
+        colour: (h, w, 3) uint8 RGB with the pixels of depth; None where there is none.
+    """
+
+    number: int = 0
+    depth: NDArray[np.float32] | None = None
+    time: float = 0.0
+    reason: str = ""
+    colour: NDArray[np.uint8] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class DepthFrame:
+    """What a device gives.
+
+    Attributes:
+        depth: (h, w) mm, 0 where there is none.
+        colour: (h, w, 3) RGB that depth is registered to, or None.
+    """
+
+    depth: NDArray[np.uint16]
+    colour: NDArray[np.uint8] | None = None
+
+
+#: Takes a frame: depth (h, w) in mm, 0 where there is none, alone or with its colour.
+Grab = Callable[[], DepthFrame | NDArray[np.uint16]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Depth:
+    depth: NDArray[np.float32]
+    colour: NDArray[np.uint8] | None
+    time: float
+
+
+def grab_openni2() -> DepthFrame:
+    """One frame of the first device, never mirrored; with colour if the device has it and registers depth to it.
+
+    Raises:
+        HardwareError: the binding, the library or the device are missing, or the device gives no such frame.
+    """
+    try:
+        # No declared dependency: the library itself has to be installed by hand.
+        openni2 = import_module("openni.openni2")
+    except ImportError:
+        raise HardwareError(
+            "an OpenNI2 camera needs the OpenNI2 library and: pip install openni"
+        ) from None
+    stage = (
+        "the OpenNI2 library does not load: {}; install it (package libopenni2-0), or set OPENNI2_REDIST to its "
+        "folder"
+    )
+    try:
+        openni2.initialize()
+        stage = "no OpenNI2 device: {}; is the camera plugged in, and may this user open it (udev rules)?"
+        try:
+            device = openni2.Device.open_any()
+            stage = "no depth frame from OpenNI2: {}; unplug the camera and plug it in again"
+            return _frame(openni2, device)
+        finally:
+            openni2.unload()
+    except Exception as error:  # noqa: BLE001  the binding raises its own kinds
+        raise HardwareError(stage.format(error)) from None
+
+
+def _frame(openni2: Any, device: Any) -> DepthFrame:
+    depth = device.create_depth_stream()
+    _prepare(depth, openni2.PIXEL_FORMAT_DEPTH_1_MM)
+    registered = openni2.IMAGE_REGISTRATION_DEPTH_TO_COLOR
+    colour = None
+    if device.has_sensor(openni2.SENSOR_COLOR) and device.is_image_registration_mode_supported(
+        registered
+    ):
+        colour = device.create_color_stream()
+        _prepare(colour, openni2.PIXEL_FORMAT_RGB888)
+        device.set_image_registration_mode(registered)
+    streams = [stream for stream in (depth, colour) if stream is not None]
+    for stream in streams:
+        stream.start()
+    try:
+        return DepthFrame(
+            _read(depth, np.uint16), None if colour is None else _read(colour, np.uint8)
+        )
+    finally:
+        for stream in streams:
+            stream.stop()
+
+
+def _prepare(stream: Any, pixels: Any) -> None:
+    mode = stream.get_video_mode()
+    mode.resolutionX, mode.resolutionY = SIZE
+    mode.pixelFormat = pixels
+    stream.set_video_mode(mode)
+    stream.set_mirroring_enabled(False)
+
+
+def _read(stream: Any, kind: type[Any]) -> NDArray[Any]:
+    """A frame (h, w) of depth, or (h, w, 3) of colour."""
+    for _ in range(_UNSTEADY + 1):
+        frame = stream.read_frame()
+    data = frame.get_buffer_as_uint16() if kind is np.uint16 else frame.get_buffer_as_uint8()
+    shape = (frame.height, frame.width, -1) if kind is np.uint8 else (frame.height, frame.width)
+    picture = np.frombuffer(data, dtype=kind).reshape(shape)
+    # Devices may ignore the wish, and a mirrored garment would be gripped on the wrong side.
+    return (picture[:, ::-1] if stream.get_mirroring_enabled() else picture).copy()
+
+
+class OpenNi2Camera:
+    """One depth camera; the first device there is."""
+
+    def __init__(self, site: CameraSite, grab: Grab = grab_openni2) -> None:
+        """Nothing is opened yet.
+
+        Args:
+            site: timeout and attempts.
+            grab: takes a frame.
+        """
+        self._grab_frame = grab
+        self._exposer = Exposer(
+            self._grab,
+            self._problem,
+            timeout=site.timeout,
+            attempts=site.attempts,
+            what="depth camera",
+        )
+
+    def start(self, number: int) -> None:
+        """Begin an exposure; one under way is given up."""
+        self._exposer.start(number)
+
+    def poll(self, now: float) -> None:
+        """Look whether it is done; `now` is of any clock, s."""
+        self._exposer.poll(now)
+
+    @property
+    def result(self) -> DepthPicture | None:
+        """The last exposure's; None while one is under way, and before the first."""
+        outcome = self._exposer.outcome
+        if outcome is None:
+            return None
+        if outcome.taken is None:
+            return DepthPicture(outcome.number, reason=outcome.reason)
+        taken = outcome.taken
+        return DepthPicture(outcome.number, taken.depth, taken.time, colour=taken.colour)
+
+    def close(self) -> None:
+        """Give up what is under way."""
+        self._exposer.close()
+
+    def _grab(self, cancel: threading.Event) -> _Depth:
+        frame = self._grab_frame()
+        if not isinstance(frame, DepthFrame):
+            frame = DepthFrame(frame)
+        raw = np.asarray(frame.depth)
+        depth = np.where(raw > 0, raw * np.float32(_MILLIMETRE), np.float32(np.nan))
+        depth = np.asarray(depth, dtype=np.float32)
+        depth.flags.writeable = False
+        if frame.colour is not None:
+            frame.colour.flags.writeable = False
+        return _Depth(depth, frame.colour, time.time())
+
+    def _problem(self, taken: _Depth) -> str:
+        if taken.depth.ndim != 2 or not np.isfinite(taken.depth).any():
+            return f"the frame {taken.depth.shape} has no depth at all"
+        if taken.colour is not None and taken.colour.shape != (*taken.depth.shape, 3):
+            return f"its colour {taken.colour.shape} has not the pixels of its depth {taken.depth.shape}"
+        return ""

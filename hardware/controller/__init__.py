@@ -1,0 +1,1 @@
+"""The robot controller's driver."""

@@ -1,0 +1,172 @@
+"""The state connection: sets of joint feedback put together from groups, and the robot's status."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.hardware.controller_state import JointFeedback, RobotStatus
+from unwrinkle.hardware.motoros.link import TcpLink
+from unwrinkle.hardware.motoros.wire import (
+    FeedbackBody,
+    Framer,
+    Message,
+    MessageType,
+    MultiFeedback,
+    RobotStatusBody,
+    WireError,
+)
+from unwrinkle.hardware.streaming.stream import GROUP_AXES
+from unwrinkle.models.errors import HardwareError
+from unwrinkle.models.site import ControllerSite
+
+Array = NDArray[np.float64]
+
+_AXES = 13
+
+
+class FeedbackReader:
+    """Reads what the controller tells by itself.
+
+    Attributes:
+        feedback: the newest whole set; None before the first.
+        status: the newest status; None before the first.
+        count: whole sets so far.
+        statuses: statuses so far.
+    """
+
+    def __init__(self, link: TcpLink, site: ControllerSite) -> None:
+        """Read from a link."""
+        self._link = link
+        self._site = site
+        self._framer = Framer()
+        self._parts: dict[int, FeedbackBody] = {}
+        self.feedback: JointFeedback | None = None
+        self.status: RobotStatus | None = None
+        self.count = 0
+        self.statuses = 0
+
+    @property
+    def missing(self) -> str:
+        """Groups that no feedback has come of since the last whole set, in words."""
+        absent = [
+            f"{k} ({name})" for k, name in enumerate(self._site.groups) if k not in self._parts
+        ]
+        return ", ".join(absent)
+
+    def poll(self, now: float) -> list[JointFeedback]:
+        """The whole sets that have come, oldest first; those that are older than one before are left out.
+
+        Raises:
+            HardwareError: the connection has ended, garbage comes, or feedback that does not fit the site's groups.
+        """
+        sets: list[JointFeedback] = []
+        data = self._link.receive()
+        if data:
+            try:
+                messages = self._framer.feed(data)
+            except WireError as error:
+                raise HardwareError(
+                    f"the controller sends garbage on the state connection ({error.name}: {error})"
+                ) from None
+            for message in messages:
+                found = self._read(message, now)
+                if found is not None:
+                    sets.append(found)
+        if self._link.closed:
+            raise HardwareError(f"the state connection has ended: {self._link.closed}")
+        return sets
+
+    def _read(self, message: Message, now: float) -> JointFeedback | None:
+        try:
+            if message.type == MessageType.ROBOT_STATUS:
+                body = RobotStatusBody.of(message)
+                self.status = RobotStatus(
+                    body.drives_powered,
+                    body.e_stopped,
+                    body.error_code,
+                    body.in_error,
+                    body.in_motion,
+                    body.mode,
+                    body.motion_possible,
+                )
+                self.statuses += 1
+            elif message.type == MessageType.JOINT_FEEDBACK_EX:
+                return self._whole(MultiFeedback.of(message), now)
+            elif message.type == MessageType.JOINT_FEEDBACK:
+                return self._part(FeedbackBody.of(message), now)
+        except WireError as error:
+            raise HardwareError(f"feedback that cannot be read: {error}") from None
+        return None
+
+    def _whole(self, bodies: MultiFeedback, now: float) -> JointFeedback | None:
+        """Feedback of all groups in one message: what the profile `ex` goes by."""
+        names = self._site.groups
+        found = sorted(body.group for body in bodies.groups)
+        if found != list(range(len(names))):
+            raise HardwareError(
+                f"the controller gives feedback of the groups {found}, the site has {len(names)}: "
+                f"{', '.join(names)}; compare the site's groups with the controller's"
+            )
+        if self._site.profile != "ex":
+            return None
+        parts = {body.group: body for body in bodies.groups}
+        return self._set(parts, now)
+
+    def _part(self, body: FeedbackBody, now: float) -> JointFeedback | None:
+        """Feedback of one group: a set is whole when all have come with the same time."""
+        if not 0 <= body.group < len(self._site.groups):
+            raise HardwareError(
+                f"the controller gives feedback of group {body.group}, the site has "
+                f"{len(self._site.groups)} groups; compare them"
+            )
+        if self._site.profile == "ex":
+            return None
+        if body.group in self._parts:
+            self._parts = {}
+        self._parts = {k: part for k, part in self._parts.items() if part.time == body.time}
+        self._parts[body.group] = body
+        if len(self._parts) < len(self._site.groups):
+            return None
+        parts, self._parts = self._parts, {}
+        return self._set(parts, now)
+
+    def _set(self, parts: dict[int, FeedbackBody], now: float) -> JointFeedback | None:
+        positions, reported = np.empty(_AXES), np.zeros(_AXES)
+        stamp = parts[0].time
+        last = self.feedback
+        newest = None if last is None else last.stamp
+        # A duplicate, or one that was overtaken; a time that is no number, too.
+        if newest is not None and stamp is not None and not stamp > newest:
+            return None
+        for k, name in enumerate(self._site.groups):
+            axes = GROUP_AXES[name]
+            size = axes.stop - axes.start
+            body = parts[k]
+            if body.positions is None:
+                raise HardwareError(f"feedback of group {k} ({name}) has no positions")
+            if any(body.positions[size:]):
+                raise HardwareError(
+                    f"feedback of group {k} ({name}) has more than {size} axes; compare the site's groups with "
+                    "the controller's"
+                )
+            positions[axes] = body.positions[:size]
+            if body.velocities is not None:
+                reported[axes] = body.velocities[:size]
+        velocities = reported if self._site.velocities == "reported" else np.zeros(_AXES)
+        if last is not None and self._site.velocities == "differences":
+            step = interval(last, now, stamp, self._site.feedback_period)
+            velocities = (positions - last.positions) / step
+        self.count += 1
+        positions.setflags(write=False)
+        velocities.setflags(write=False)
+        self.feedback = JointFeedback(positions, velocities, now, stamp, self.count)
+        return self.feedback
+
+
+def interval(last: JointFeedback, now: float, stamp: float | None, period: float) -> float:
+    """Time between a set of feedback and the next, s: by the controller's clock where it tells it.
+
+    Sets that waited for a late reader are received at once: they are at least half a period apart all the same.
+    """
+    if stamp is not None and last.stamp is not None:
+        return max(stamp - last.stamp, 1e-3)
+    return max(now - last.received, 0.5 * period)

@@ -1,0 +1,1 @@
+"""MotoROS' protocol: messages, connections, and the channels that use them."""

@@ -1,0 +1,67 @@
+"""From rest to trajectory mode: servos on, the controller's job ready, the groups in synchrony."""
+
+from unwrinkle.hardware.motoros.motion_channel import Asked, MotionChannel
+from unwrinkle.hardware.motoros.wire import Command, MotionReply, Result, Subcode, describe
+from unwrinkle.models.site import ControllerSite
+
+#: Time between two questions whether it is ready, s.
+_AGAIN = 0.05
+
+
+class StartSequence:
+    """Asks the controller for what it has to do before the first point.
+
+    Attributes:
+        done: points may be sent.
+        problem: why not; empty while it goes on.
+    """
+
+    def __init__(
+        self, site: ControllerSite, channel: MotionChannel, in_mode: bool, earliest: float
+    ) -> None:
+        """Begin at `earliest` (s); `in_mode`: trajectory mode was started before."""
+        self._site = site
+        self._channel = channel
+        self._steps: list[int] = [] if in_mode else [Command.START_TRAJ_MODE]
+        self._steps.append(Command.CHECK_MOTION_READY)
+        if site.synchro != "off":
+            self._steps.append(Command.CHECK_SYNCHRO)
+        self._when = earliest
+        self._asked: int | None = None  # its sequence number
+        self._begun: float | None = None  # of the present step
+        self.done = False
+        self.problem = ""
+
+    def poll(self, now: float) -> None:
+        """Ask what is due."""
+        if self.done or self.problem or self._asked is not None or now < self._when:
+            return
+        if self._begun is None:
+            self._begun = now
+        self._asked = self._channel.control(self._steps[0], now, self._site.start_timeout)
+
+    def answered(self, asked: Asked, reply: MotionReply, now: float) -> None:
+        """Take an answer; those to what it did not ask are passed over."""
+        if self._asked is None or asked.sequence != self._asked:
+            return
+        self._asked = None
+        if reply.result == Result.SUCCESS:
+            self._steps.pop(0)
+            self._begun = None
+            self.done = not self._steps
+            return
+        patient = asked.what != Command.START_TRAJ_MODE and reply.result == Result.FAILURE
+        assert self._begun is not None
+        if patient and now - self._begun < self._site.start_timeout:
+            self._when = now + _AGAIN
+            return
+        what = {
+            Command.START_TRAJ_MODE: "trajectory mode cannot be started",
+            Command.CHECK_MOTION_READY: "the controller does not become ready",
+        }.get(Command(asked.what), "the groups do not get into synchrony")
+        # The check of readiness tells in its sub-code what is missing.
+        result = Result.NOT_READY if patient and reply.subcode >= 5000 else reply.result
+        self.problem = f"{what}: {describe(result, reply.subcode)}"
+        if asked.what == Command.START_TRAJ_MODE and reply.subcode == Subcode.NOT_READY_SERVO_OFF:
+            # The firmware names the first thing that is missing, not what keeps it from being switched on.
+            self.problem += "; is hold pressed, or a safety circuit open?"

@@ -1,0 +1,1 @@
+"""Drivers of the head's pan-tilt units."""

@@ -1,0 +1,1 @@
+"""The log of a run: what was sent and measured."""

@@ -1,0 +1,48 @@
+"""What the controller's firmware would take and not carry out, or refuse in the midst of a motion."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.hardware.streaming.stream import GROUP_AXES
+from unwrinkle.planning.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+#: A group that moves by no more rests, rad.
+STILL = 1e-6
+
+
+def unmoved_group(trajectories: Sequence[Trajectory], moved: Sequence[str]) -> str:
+    """Say which control group trajectories move although the firmware does not; empty if there is none.
+
+    Args:
+        trajectories: of all axes, one or more, run one after the other.
+        moved: groups that the firmware moves, the site's `groups_moved`.
+    """
+    for name, axes in GROUP_AXES.items():
+        q = np.concatenate([trajectory.positions[:, axes] for trajectory in trajectories])
+        way = float(np.ptp(q, axis=0).max())
+        if name not in moved and not way <= STILL:
+            hint = (
+                "plan with 'turntable: fixed' in the scenario's planner section"
+                if name == "ext_axis"
+                else "this plan needs a firmware that does"
+            )
+            return (
+                f"{name} is to move by {way:.3f} rad, and this controller's firmware does not move it "
+                f"(controller.groups_moved: {', '.join(moved)}); {hint}"
+            )
+    return ""
+
+
+def speed_shares(trajectories: Sequence[Trajectory], full_speed: Array) -> Array:
+    """Greatest share of each axis' full speed that points of trajectories have, (13,).
+
+    Args:
+        trajectories: of all axes, one or more.
+        full_speed: (13,) rad/s.
+    """
+    fastest = [np.abs(trajectory.velocities).max(axis=0) for trajectory in trajectories]
+    return np.asarray(np.max(fastest, axis=0) / full_speed)

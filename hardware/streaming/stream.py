@@ -1,0 +1,331 @@
+"""A path's points on their way to the controller: one at a time, resent while it is busy, never far ahead of the robot."""
+
+from collections import deque
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.hardware.motoros.motion_channel import Asked, MotionChannel
+from unwrinkle.hardware.motoros.wire import (
+    Command,
+    GroupPoint,
+    Message,
+    MotionReply,
+    MultiPoint,
+    Result,
+    TrajectoryPoint,
+    describe,
+)
+from unwrinkle.hardware.streaming.path_clock import PathClock, Sample
+from unwrinkle.models.site import ControllerSite
+
+Array = NDArray[np.float64]
+#: Takes down a point that is sent: now, sequence, time, positions, velocities.
+Recorder: TypeAlias = Callable[[float, int, float, Array, Array], None]
+
+#: Axes of each group, by the site's names of groups.
+GROUP_AXES = {"r1": slice(1, 7), "r2": slice(7, 13), "ext_axis": slice(0, 1)}
+
+#: Every motion begins with a point of rest so much later, s: until then the queues fill. A multiple of the interpolation
+#: periods of 4 and 8 ms, so that a plan's points fall on the controller's clock.
+DWELL = 0.104
+#: Greatest difference of the groups' starts that is no error, s.
+SKEW = 0.02
+#: A controller that is busy may be behind the host's reckoning by so much, s.
+BUSY_ROOM = 0.02
+#: Part of a millisecond by which a point's time is sent later, so that no rounding makes the cut one fall short.
+_INSIDE = 0.4
+#: Nothing runs out within rounding, s.
+_ROUNDING = 1e-6
+_NO_VELOCITY = np.zeros(13)
+_ALL = -1
+
+
+def sent_time(when: float) -> float:
+    """The time to put in a message for a point at a whole millisecond, s: the controller cuts it to that millisecond."""
+    return (round(1e3 * when) + _INSIDE) / 1e3
+
+
+def most_lag(site: ControllerSite) -> float:
+    """Greatest lag of the feedback that is looked for, s: well beyond what the site allows, to tell what it is."""
+    return max(0.5, 2.0 * site.latency)
+
+
+class PointStream:
+    """Sends the points of one path.
+
+    The stream's clock is the one of the points' times, which are whole milliseconds. The robot runs it from the moment its first point of motion is
+    sent; while the path rests it stands still. Points are sent until they are `lead` ahead of it.
+
+    Attributes:
+        clock: of the path.
+        acknowledged: points that every group has taken.
+        skew: difference of the groups' last start, s.
+        offsets: (13,) how much later than the first group each axis' group was started last, s.
+        problem: why it cannot go on; empty while it can.
+        stopped: nothing more is sent.
+    """
+
+    def __init__(
+        self, clock: PathClock, site: ControllerSite, channel: MotionChannel, record: Recorder
+    ) -> None:
+        """Begin where the clock stands."""
+        self.clock = clock
+        self._site = site
+        self._channel = channel
+        self._record = record
+        self._sequence = 0
+        self._shift = 0.0  # of times as sent against the path clock's, by points of rest
+        self._point: tuple[Sample, float] | None = None  # on its way, with its time as sent
+        self._messages: dict[int, Message] = {}  # of it, those not taken yet, by group
+        self._again: dict[int, float] = {}  # when to send those again that were refused as busy
+        self._busy = False  # a group has refused it so
+        self._first_sent = 0.0
+        self._synchro: float | None = None  # when to ask next
+        self._synchronous = site.synchro != "each"
+        self._resting = True  # what was produced last is a point of rest
+        self._anchor: tuple[float, float] | None = None  # now, stream time; None while at rest
+        self._taken = 0.0  # time of the last point that every group has taken
+        self._starts: dict[int, float] = {}
+        self._history: deque[tuple[float, float, Array, Array]] = deque()  # time, s, q, v
+        self._arrays: tuple[Array, Array, Array, Array] | None = None
+        self.acknowledged = 0
+        self.skew = 0.0
+        self.offsets = np.zeros(13)
+        self.problem = ""
+        self.stopped = False
+
+    # What is known
+
+    def executed(self, now: float) -> float:
+        """Stream time that the robot is commanded to by now, s."""
+        if self._anchor is None:
+            return self._taken
+        return min(self._raw(now), self._taken)
+
+    def reckoned(self, now: float) -> float:
+        """The same, but going on at rest: what a robot that lags behind is compared with, s."""
+        return self._taken if self._anchor is None else self._raw(now)
+
+    def at_rest(self, now: float) -> bool:
+        """Whether all that was sent is run, and ended at rest."""
+        if not (self._resting and self._point is None):
+            return False
+        return self._anchor is None or self._raw(now) >= self._taken
+
+    def ended(self, now: float) -> bool:
+        """Whether the whole path is run."""
+        return self.clock.done and self.at_rest(now)
+
+    def progress(self, now: float) -> float:
+        """Time along the trajectory, on its own clock, that the robot is commanded to by now, s."""
+        if not self._history:
+            return 0.0
+        times, s, _, _ = self._tables()
+        return float(np.interp(self.executed(now), times, s))
+
+    def commanded(self, times: Array) -> Array:
+        """Positions (n, 13) that were sent for stream times (n,), rad."""
+        knots, _, q, v = self._tables()
+        t = np.clip(times, knots[0], knots[-1])
+        if len(knots) == 1:
+            return np.tile(q[0], (len(t), 1))
+        i = np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(knots) - 2)
+        h = (knots[i + 1] - knots[i])[:, None]
+        x = (t - knots[i])[:, None] / h
+        value: Array = (
+            q[i] * (1.0 + 2.0 * x) * (1.0 - x) ** 2
+            + q[i + 1] * x**2 * (3.0 - 2.0 * x)
+            + h * x * (1.0 - x) * (v[i] * (1.0 - x) - v[i + 1] * x)
+        )
+        return value
+
+    def commanded_to(self, times: Array) -> Array:
+        """The same, where each group began as much later as it was started later."""
+        if not self.offsets.any():
+            return self.commanded(times)
+        positions = np.empty((len(times), 13))
+        for axes in GROUP_AXES.values():
+            positions[:, axes] = self.commanded(times - self.offsets[axes][0])[:, axes]
+        return positions
+
+    def ran_out(self, now: float) -> str:
+        """Why the controller has nothing to run in the midst of motion; empty if it has."""
+        if self._anchor is None or not self._synchronous or self.stopped:
+            return ""
+        if self._resting and self._point is None:
+            return ""
+        late = self._raw(now) - self._taken
+        if late <= (BUSY_ROOM if self._busy else _ROUNDING):
+            return ""
+        waited = now - self._first_sent
+        text = f"the points that the controller has taken ended {1e3 * late:.0f} ms ago"
+        if self._point is None or waited < 0.5 * self._site.lead:
+            return f"{text}: this machine or the network is too slow; nothing is sent late"
+        state = "busy with" if self._busy else "silent about"
+        return f"{text}, and for {waited:.2f} s it has been {state} the next one ({self._sequence - 1})"
+
+    # What is done
+
+    def poll(self, now: float) -> None:
+        """Send what is due."""
+        if self.problem or self.stopped:
+            return
+        if self._synchro is not None:
+            if now >= self._synchro and self._channel.quiet:
+                self._channel.control(Command.CHECK_SYNCHRO, now)
+                self._synchro = float("inf")
+            return
+        if self._point is None:
+            self._produce(now)
+            return
+        for group, when in list(self._again.items()):
+            if now >= when:
+                del self._again[group]
+                self._send(group, now)
+
+    def stop(self) -> None:
+        """Send nothing more."""
+        self.stopped = True
+
+    def answered(self, asked: Asked, reply: MotionReply, now: float) -> None:
+        """Take the answer to a point, or to the check of synchrony."""
+        if self.stopped or self.problem:
+            return
+        if asked.what == Command.CHECK_SYNCHRO:
+            self._checked(asked, reply, now)
+            return
+        if self._point is None or asked.group not in self._messages:
+            return
+        if reply.result == Result.BUSY:
+            if now - self._first_sent > self._site.busy_limit:
+                self.problem = (
+                    f"the controller has been busy with point {asked.sequence} (group {asked.group}) for "
+                    f"{now - self._first_sent:.2f} s, at most {self._site.busy_limit:g} s"
+                )
+            self._again[asked.group] = now + self._site.busy_retry
+            self._busy = True
+            return
+        if reply.result != Result.SUCCESS:
+            what = describe(reply.result, reply.subcode)
+            self.problem = (
+                f"the controller refuses point {asked.sequence} (group {asked.group}): {what}"
+            )
+            return
+        del self._messages[asked.group]
+        self._starts[asked.group] = asked.sent
+        if not self._messages:
+            self._all_taken(now)
+
+    def _checked(self, asked: Asked, reply: MotionReply, now: float) -> None:
+        if reply.result == Result.SUCCESS:
+            self._synchro = None
+            self._send_all(now)
+        elif reply.result != Result.FAILURE:
+            self.problem = f"the check of synchrony fails: {describe(reply.result, reply.subcode)}"
+        elif now - self._first_sent > self._site.busy_limit:
+            self.problem = (
+                f"the groups are not in synchrony after {now - self._first_sent:.2f} s, at most "
+                f"{self._site.busy_limit:g} s"
+            )
+        else:
+            self._synchro = now + self._site.busy_retry
+
+    def _raw(self, now: float) -> float:
+        assert self._anchor is not None
+        return self._anchor[1] + now - self._anchor[0]
+
+    def _all_taken(self, now: float) -> None:
+        assert self._point is not None
+        starts = self._starts.values()
+        if self._anchor is None and self.acknowledged > 0:
+            self.skew = max(starts) - min(starts)
+            self._note_offsets(min(starts))
+            if self.skew > SKEW:
+                self.problem = f"the control groups started {1e3 * self.skew:.0f} ms apart, at most {1e3 * SKEW:.0f} ms"
+        begin = min(starts)
+        waits = (
+            not self._synchronous and self._anchor is not None and self._raw(begin) > self._taken
+        )
+        if self.acknowledged > 0 and (self._anchor is None or waits):
+            self._anchor = (begin, self._taken)
+        elif self._busy and self._anchor is not None:  # it is slower than thought
+            self._anchor = (now, self.executed(now))
+        self._taken = self._point[1]
+        self._point, self._busy = None, False
+        self.acknowledged += 1
+
+    def _note_offsets(self, begin: float) -> None:
+        for group, start in self._starts.items():
+            if group != _ALL:
+                self.offsets[GROUP_AXES[self._site.groups[group]]] = start - begin
+
+    def _produce(self, now: float) -> None:
+        """Send the next point if it is due."""
+        last = self.clock.last
+        if last is not None and self.clock.at_rest:
+            self._resting = True  # also where a hold comes before the first point of motion
+            return
+        if last is not None and self._resting and self.at_rest(now):
+            self._anchor = None
+            self._resting = False
+            self._shift += DWELL
+            rest = Sample(last.time, last.positions, _NO_VELOCITY, last.s, 0.0)
+            self._take(rest, rest.time + self._shift, now)
+            return
+        until = self.executed(now) + self._site.lead - self._shift
+        for sample in self.clock.next_until(until, most=1):
+            self._resting = self.clock.at_rest or sample.s == 0.0
+            self._take(sample, sample.time + self._shift, now)
+
+    def _take(self, sample: Sample, time: float, now: float) -> None:
+        """Make a point the one on its way."""
+        q, v = sample.positions, sample.velocities
+        self._point = (sample, time)
+        self._remember(time, sample, now)
+        self._messages = self._encoded(time, q, v)
+        self._starts = {}
+        self._record(now, self._sequence, time, q, v)
+        self._first_sent = now
+        self._sequence += 1
+        if self._site.synchro == "each":
+            self._synchro = now
+            self.poll(now)
+        else:
+            self._send_all(now)
+
+    def _encoded(self, when: float, q: Array, v: Array) -> dict[int, Message]:
+        time = sent_time(when)
+        groups = [GROUP_AXES[name] for name in self._site.groups]
+        if self._site.profile == "ex":
+            points = tuple(
+                GroupPoint(k, time, tuple(q[axes]), tuple(v[axes])) for k, axes in enumerate(groups)
+            )
+            return {_ALL: MultiPoint(self._sequence, points).to_message()}
+        return {
+            k: TrajectoryPoint(k, self._sequence, time, tuple(q[axes]), tuple(v[axes])).to_message()
+            for k, axes in enumerate(groups)
+        }
+
+    def _send_all(self, now: float) -> None:
+        for group in self._messages:
+            self._send(group, now)
+
+    def _send(self, group: int, now: float) -> None:
+        self._channel.point(self._messages[group], group, self._sequence - 1, now)
+
+    def _remember(self, time: float, sample: Sample, now: float) -> None:
+        self._history.append((time, sample.s, sample.positions, sample.velocities))
+        oldest = self.executed(now) - most_lag(self._site) - 0.5
+        while len(self._history) > 2 and self._history[1][0] < oldest:
+            self._history.popleft()
+        self._arrays = None
+
+    def _tables(self) -> tuple[Array, Array, Array, Array]:
+        """Times, s, positions and velocities of the points sent lately."""
+        if self._arrays is None:
+            times, s, q, v = zip(*self._history, strict=True)
+            self._arrays = (np.array(times), np.array(s), np.array(q), np.array(v))
+        return self._arrays

@@ -1,0 +1,332 @@
+"""Calibration boards: chessboards and ChArUco boards, and where their corners are in an image.
+
+Board frame T: the origin at the first inner corner, x along a row of corners, y along a column, z
+into the board, away from who looks at it. Where z points so, a chessboard's first inner square
+(between its first four corners) is dark. Pixel (0, 0) is the centre of the image's first pixel.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from unwrinkle.models import InputError
+from unwrinkle.models.transforms import Pose, pose
+from unwrinkle.perception.camera import Camera
+
+_FEWEST_CORNERS = 3
+_SEARCH_SIZES = (1300, 2600)  # longest side of the image, pixels, in which a board is looked for
+_WINDOW = 0.45  # half window of the refinement over the lowest height of a square in the image
+_NARROWEST, _WIDEST = 2, 60
+_SMOOTHING = 0.05  # standard deviation over the half window
+_FURTHEST = 0.35  # of a square: a refined corner that went further is another one
+_MOST_OFF = 0.2
+_FEWEST_SHARE = 0.25  # of a ChArUco board's corners
+
+
+@dataclass(frozen=True)
+class Board:
+    """A flat pattern of squares.
+
+    Attributes:
+        columns, rows: inner corners along x and y.
+        square: side of a square, metres.
+        dictionary: OpenCV's name of the ArUco dictionary of a ChArUco board, such as
+            `DICT_5X5_100`; empty for a chessboard.
+        marker: side of a ChArUco board's markers, metres.
+
+    Raises:
+        InputError: too few corners, a size that is not positive, an unknown dictionary, or a
+            chessboard that looks the same upside down.
+    """
+
+    columns: int = 0
+    rows: int = 0
+    square: float = 0.0
+    dictionary: str = ""
+    marker: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse boards that cannot be found or told from their own half turn."""
+        label = f"board {self.columns}x{self.rows}"
+        if min(self.columns, self.rows) < _FEWEST_CORNERS:
+            raise InputError(
+                f"{label}: needs at least {_FEWEST_CORNERS} inner corners a side; count the "
+                "corners where four squares meet, not the squares"
+            )
+        if not 0.0 < self.square < 1.0:
+            raise InputError(f"{label}: squares of {self.square} m; give their side in metres")
+        if self.dictionary:
+            if not isinstance(getattr(cv2.aruco, self.dictionary, None), int):
+                raise InputError(
+                    f"{label}: no ArUco dictionary is called {self.dictionary!r}; OpenCV's names "
+                    "are like DICT_5X5_100"
+                )
+            if not 0.0 < self.marker < self.square:
+                raise InputError(
+                    f"{label}: markers of {self.marker} m in squares of {self.square} m; markers "
+                    "are smaller than squares"
+                )
+        elif (self.columns + self.rows) % 2 == 0:
+            raise InputError(
+                f"{label}: looks the same after half a turn, so its corners cannot be told apart; "
+                "take one with an odd and an even number of corners, or a ChArUco board"
+            )
+
+    @property
+    def points_T(self) -> NDArray[np.float64]:
+        """Inner corners, row by row, (columns * rows, 3) metres in the board's frame."""
+        x, y = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
+        places = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+        return np.asarray(self.square * places, dtype=float)
+
+    def __str__(self) -> str:
+        """Say what to look for."""
+        kind = f"ChArUco ({self.dictionary})" if self.dictionary else "chessboard"
+        return f"{kind} of {self.columns}x{self.rows} inner corners"
+
+
+@dataclass(frozen=True, eq=False)
+class BoardView:
+    """A board seen in an image.
+
+    Attributes:
+        points_T: (n, 3) the corners seen, metres in the board's frame.
+        corners: (n, 2) where they are in the image, pixels.
+        ids: (n,) their numbers on the board.
+        width, height: of the image, pixels.
+        name: of the image, for messages.
+    """
+
+    points_T: NDArray[np.float64]
+    corners: NDArray[np.float64]
+    ids: NDArray[np.intp]
+    width: int
+    height: int
+    name: str = "image"
+
+    def __post_init__(self) -> None:
+        """Copy and make read-only.
+
+        Raises:
+            InputError: the arrays' lengths differ or a corner is not finite.
+        """
+        for key, kind, columns in (("points_T", float, 3), ("corners", float, 2)):
+            array = np.array(getattr(self, key), dtype=kind)
+            if array.shape != (np.size(self.ids), columns) or not np.isfinite(array).all():
+                raise InputError(
+                    f"{self.name}: {key} {array.shape} must be finite and ({np.size(self.ids)}, "
+                    f"{columns})"
+                )
+            array.setflags(write=False)
+            object.__setattr__(self, key, array)
+        ids = np.array(self.ids, dtype=np.intp)
+        ids.setflags(write=False)
+        object.__setattr__(self, "ids", ids)
+
+
+@dataclass(frozen=True)
+class NoBoard:
+    """No usable board is in the image.
+
+    Attributes:
+        name: of the image.
+        reason: what was found instead.
+    """
+
+    name: str
+    reason: str
+
+
+def load_grey(path: str | Path) -> NDArray[np.uint8]:
+    """Return the (h, w) brightness of an image file, as the sensor's pixels lie.
+
+    Raises:
+        InputError: the file is missing or is no image.
+    """
+    path = Path(path)
+    try:
+        encoded = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    except OSError:
+        raise InputError(f"{path}: no such image; check the name or the folder") from None
+    # A note in the file how to turn it for display must not turn one eye's image.
+    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+    image = cv2.imdecode(encoded, flags) if encoded.size else None
+    if image is None:
+        raise InputError(f"{path}: is no image that can be read; give PNG, JPEG or TIFF")
+    return np.asarray(image, dtype=np.uint8)
+
+
+def find_board(
+    image: NDArray[np.uint8], board: Board, *, name: str = "image"
+) -> BoardView | NoBoard:
+    """Find a board's corners to a small part of a pixel.
+
+    The board is looked for in a smaller image, then its corners are refined in the whole one, where
+    a corner is the point that the gradients around it are square to (Foerstner's operator, as
+    OpenCV has it), in a window of half a square.
+
+    Args:
+        image: (h, w) uint8.
+        board: all of a chessboard must be seen, a part of a ChArUco board is enough.
+        name: for messages.
+
+    Raises:
+        InputError: the array is no grey image.
+    """
+    if image.ndim != 2 or image.dtype != np.uint8:
+        raise InputError(f"{name}: image is {image.dtype} {image.shape}, wanted uint8 (h, w)")
+    longest = max(image.shape)
+    reason = f"no {board} in it; show all of it, sharp and well lit"
+    for size in _SEARCH_SIZES:
+        scale = min(1.0, size / longest)
+        small = image
+        if scale < 1.0:
+            wanted = (round(image.shape[1] * scale), round(image.shape[0] * scale))
+            small = np.asarray(cv2.resize(image, wanted, interpolation=cv2.INTER_AREA))
+        rough, ids = _charuco(small, board) if board.dictionary else _chessboard(small, board)
+        if rough is not None:
+            factor = np.array([image.shape[1] / small.shape[1], image.shape[0] / small.shape[0]])
+            found = _refined(image, board, (rough + 0.5) * factor - 0.5, ids)
+            if isinstance(found, str):
+                reason = found
+            else:
+                height, width = image.shape
+                return BoardView(board.points_T[ids], found, ids, width, height, name)
+        if scale == 1.0:
+            break
+    return NoBoard(name, reason)
+
+
+def _chessboard(
+    image: NDArray[np.uint8], board: Board
+) -> tuple[NDArray[np.float64] | None, NDArray[np.intp]]:
+    """Return all corners of a chessboard in the board's order, or None."""
+    ids = np.arange(board.columns * board.rows)
+    size = (board.columns, board.rows)
+    flags = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE
+    found, corners = cv2.findChessboardCorners(image, size, flags=flags)
+    if not found:  # slower, and sees through more blur and noise
+        found, corners = cv2.findChessboardCornersSB(
+            image, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE
+        )
+    if not found:
+        return None, ids
+    grid = np.asarray(corners, dtype=float).reshape(board.rows, board.columns, 2)
+    across, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
+    if across[0] * down[1] - across[1] * down[0] < 0.0:
+        grid = grid[:, ::-1]  # no board is seen from behind
+    middles = 0.25 * (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:])
+    shade = cv2.remap(image, middles.astype(np.float32), None, cv2.INTER_LINEAR).astype(float)
+    rows, columns = np.indices(shade.shape)
+    even = (rows + columns) % 2 == 0
+    if shade[even].mean() > shade[~even].mean():
+        grid = grid[::-1, ::-1]
+    return grid.reshape(-1, 2), ids
+
+
+def _charuco(
+    image: NDArray[np.uint8], board: Board
+) -> tuple[NDArray[np.float64] | None, NDArray[np.intp]]:
+    """Return the corners of a ChArUco board that are seen, and their numbers, or None."""
+    corners, ids, _, _ = _charuco_detector(board).detectBoard(image)
+    if ids is None or len(ids) < max(6, _FEWEST_SHARE * board.columns * board.rows):
+        return None, np.zeros(0, dtype=np.intp)
+    numbers = np.asarray(ids, dtype=np.intp).ravel()
+    x, y = numbers % board.columns, numbers // board.columns
+    if np.ptp(x) == 0 or np.ptp(y) == 0:  # on one line: no pose
+        return None, np.zeros(0, dtype=np.intp)
+    return np.asarray(corners, dtype=float).reshape(-1, 2), numbers
+
+
+def board_pose(view: BoardView, camera: Camera) -> Pose:
+    """X_CT (4, 4) of one board in the camera's frame, by least reprojection error.
+
+    Raises:
+        InputError: its corners give no pose.
+    """
+    distortion = np.array(camera.distortion) if camera.distortion else None
+    found, turn, p = cv2.solvePnP(
+        view.points_T, view.corners, camera.matrix, distortion, flags=cv2.SOLVEPNP_IPPE
+    )
+    if not found or not np.isfinite(p).all() or float(p[2, 0]) <= 0.0:
+        raise InputError(f"{view.name}: its corners give no pose of the board; is it in full view?")
+    turn, p = cv2.solvePnPRefineLM(view.points_T, view.corners, camera.matrix, distortion, turn, p)
+    return pose(Rotation.from_rotvec(np.ravel(turn)).as_matrix(), np.ravel(p))
+
+
+def charuco_board(board: Board) -> Any:
+    """Return OpenCV's own description of a ChArUco board, which draws it too."""
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
+    size = (board.columns + 1, board.rows + 1)
+    return cv2.aruco.CharucoBoard(size, board.square, board.marker, dictionary)
+
+
+def _charuco_detector(board: Board) -> Any:
+    return cv2.aruco.CharucoDetector(charuco_board(board))
+
+
+def _refined(
+    image: NDArray[np.uint8], board: Board, rough: NDArray[np.float64], ids: NDArray[np.intp]
+) -> NDArray[np.float64] | str:
+    """Return the corners to sub-pixels, or why they cannot be trusted."""
+    base = board.points_T[ids][:, :2]
+    homography, _ = cv2.findHomography(base, rough, cv2.LMEDS)
+    if homography is None:
+        return "the corners found lie on one line; turn the board towards the camera"
+    homography = np.asarray(homography)
+    side, height = _square_in_image(homography, board, ids)
+    # The search sometimes puts a corner or two half a square off.
+    plane = _mapped(homography, base)
+    off = np.linalg.norm(plane - rough, axis=1) > _FURTHEST * side
+    if off.mean() > _MOST_OFF:
+        return f"{off.mean():.0%} of the corners found do not lie on a flat board; is it bent?"
+    rough = np.where(off[:, None], plane, rough)
+    clear = _WINDOW
+    if board.dictionary:  # to the nearest marker
+        clear = min(clear, 0.5 * (1.0 - board.marker / board.square))
+    half = int(np.clip(np.floor(clear * height), _NARROWEST, _WIDEST))
+    margin = half + 2
+    inside = (rough >= margin) & (rough <= np.array(image.shape)[::-1] - 1 - margin)
+    if not inside.all():
+        return "a corner lies at the image's border; show all of the board"
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
+    # Of noise the gradients have more than of edges: smoothing takes two thirds of the error away.
+    first = np.maximum(np.floor(rough.min(axis=0)).astype(int) - 2 * margin, 0)
+    last = np.ceil(rough.max(axis=0)).astype(int) + 2 * margin
+    part = image[first[1] : last[1] + 1, first[0] : last[0] + 1].astype(np.float32)
+    smooth = cv2.GaussianBlur(part, (0, 0), _SMOOTHING * half)
+    start = (rough - first).astype(np.float32).reshape(-1, 1, 2)
+    found = cv2.cornerSubPix(smooth, start, (half, half), (-1, -1), criteria)
+    corners = np.asarray(found, dtype=float).reshape(-1, 2) + first
+    moved = float(np.max(np.linalg.norm(corners - rough, axis=1)))
+    if moved > _FURTHEST * side:
+        return (
+            f"a corner moved by {moved:.1f} px in the refinement, more than {_FURTHEST:.0%} of a "
+            f"square of {side:.0f} px; is the image sharp?"
+        )
+    return corners
+
+
+def _square_in_image(
+    homography: NDArray[np.float64], board: Board, ids: NDArray[np.intp]
+) -> tuple[float, float]:
+    """Shortest side and lowest height of the squares at the given corners, pixels."""
+    base = board.points_T[ids][:, :2]
+    a, b = np.array([board.square, 0.0]), np.array([0.0, board.square])
+
+    u = 0.5 * (_mapped(homography, base + a) - _mapped(homography, base - a))
+    v = 0.5 * (_mapped(homography, base + b) - _mapped(homography, base - b))
+    area = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+    longest = np.maximum(np.linalg.norm(u, axis=1), np.linalg.norm(v, axis=1))
+    shortest = np.minimum(np.linalg.norm(u, axis=1), np.linalg.norm(v, axis=1))
+    return float(shortest.min()), float((area / longest).min())
+
+
+def _mapped(homography: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    seen = np.column_stack([points, np.ones(len(points))]) @ homography.T
+    return np.asarray(seen[:, :2] / seen[:, 2:])

@@ -1,0 +1,124 @@
+"""What a calibration refuses, and which view does not belong: the rules, each in one place."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from unwrinkle.models import InputError
+from unwrinkle.perception.calibration.boards import BoardView
+
+FEWEST_VIEWS = 8
+MOST_RESIDUAL = 1.0  # pixels
+_MOST_REJECTED = 0.34
+_OUTLYING = 3.0  # times the median view's RMS
+_LEAST_OUTLYING = 0.25  # pixels: no view below this is an outlier
+_MOST_FOCAL_SIGMA = 0.01
+_LEAST_TILT = np.radians(12.0)
+_LISTED = 3
+
+
+def worst_outlier(rms: NDArray[np.float64]) -> int | None:
+    """Index of the view that fits worst, if it fits far worse than most; else None."""
+    worst = int(np.argmax(rms))
+    limit = max(_LEAST_OUTLYING, _OUTLYING * float(np.median(rms)))
+    return worst if rms[worst] > limit else None
+
+
+def check_residual(rms: float, name: str) -> None:
+    """Refuse a fit that is no calibration.
+
+    Raises:
+        InputError: the RMS reprojection error is over 1 px.
+    """
+    if not rms <= MOST_RESIDUAL:
+        raise InputError(
+            f"{name}: the corners fit to {rms:.2f} px only, wanted {MOST_RESIDUAL:.1f} or less; is "
+            "the board flat, its size right, and nothing moved while a picture was taken?"
+        )
+
+
+def check_rejected(kept: int, rejected: list[str]) -> None:
+    """Refuse to throw away a third of the views: then it is not the views that are wrong.
+
+    Raises:
+        InputError: the message names those that were left out.
+    """
+    if len(rejected) > _MOST_REJECTED * (kept + len(rejected)):
+        raise InputError(
+            f"calibration: {len(rejected)} of {kept + len(rejected)} views do not fit, at most a "
+            f"third may be left out{listed(rejected)}; check board, order and angles"
+        )
+
+
+def listed(rejected: Sequence[str]) -> str:
+    """Return the first reasons in brackets, for a message; nothing where there are none."""
+    if not rejected:
+        return ""
+    more = f"; {len(rejected) - _LISTED} more" if len(rejected) > _LISTED else ""
+    return f" (left out: {'; '.join(rejected[:_LISTED])}{more})"
+
+
+def check_sizes(views: list[BoardView], name: str) -> None:
+    """Refuse images of different sizes from one camera.
+
+    Raises:
+        InputError: the message names one image of each size.
+    """
+    sizes: dict[tuple[int, int], str] = {}
+    for view in views:
+        sizes.setdefault((view.width, view.height), view.name)
+    if len(sizes) > 1:
+        found = ", ".join(f"{view} {w} x {h}" for (w, h), view in sizes.items())
+        raise InputError(
+            f"calibration: {name} images have different sizes ({found}); one camera has one size"
+        )
+
+
+def check_count(count: int, rejected: list[str]) -> None:
+    """Refuse fewer than 8 views.
+
+    Raises:
+        InputError: the message says which were left out.
+    """
+    if count < FEWEST_VIEWS:
+        raise InputError(
+            f"calibration: {count} usable views, wanted at least {FEWEST_VIEWS}{listed(rejected)}; "
+            "take more, the board tilted and placed differently in each"
+        )
+
+
+def check_focal(name: str, loose: float) -> None:
+    """Refuse a focal length that is known to worse than 1 % (one sigma, relative).
+
+    Raises:
+        InputError: by how much it is open.
+    """
+    if not loose <= _MOST_FOCAL_SIGMA:
+        raise InputError(
+            f"{name} camera: the views leave its focal length open by {loose:.1%}, wanted "
+            f"{_MOST_FOCAL_SIGMA:.0%} or less; tilt the board by 20 to 40 degrees about two axes, "
+            "and fill more of the image"
+        )
+
+
+def check_tilts(turns: NDArray[np.float64], name: str) -> None:
+    """Refuse boards held alike in all views: the focal length is then anything.
+
+    Args:
+        turns: (n, 3) rotation vectors of the boards in the camera's frame.
+        name: of the camera.
+
+    Raises:
+        InputError: by how much the boards' normals differ along both principal directions.
+    """
+    normals = Rotation.from_rotvec(turns).as_matrix()[:, :2, 2]
+    _, _, axes = np.linalg.svd(normals - normals.mean(axis=0))
+    most, least = sorted(np.ptp(normals @ axes.T, axis=0), reverse=True)
+    if least < _LEAST_TILT:
+        raise InputError(
+            f"{name} camera: the board is tilted by {np.degrees(most):.0f} degrees about one axis "
+            f"and by {np.degrees(least):.0f} about the other, wanted at least "
+            f"{np.degrees(_LEAST_TILT):.0f} about both; tilt it more, by 20 to 40 degrees"
+        )

@@ -1,0 +1,111 @@
+"""Where a camera in the gripper is (gripper to camera), from looks at a board that stays in place."""
+
+import datetime
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.models.transforms import Pose
+from unwrinkle.perception.calibration.boards import BoardView, board_pose
+from unwrinkle.perception.calibration.bundle_adjustment import adjust
+from unwrinkle.perception.calibration.checks import (
+    check_rejected,
+    check_residual,
+    worst_outlier,
+)
+from unwrinkle.perception.calibration.hand_eye import HandEye, outlying, solve_hand_eye
+from unwrinkle.perception.calibration.rig import Rig, Shot
+from unwrinkle.perception.calibration.stereo import calibrate_camera
+from unwrinkle.perception.camera import Camera
+
+
+@dataclass(frozen=True, eq=False)
+class GripperFit:
+    """Outcome of a gripper-to-camera calibration.
+
+    Attributes:
+        camera: intrinsics.
+        X_GC: (4, 4) the camera in the gripper's frame.
+        X_WT: (4, 4) the board in the world.
+        rms: reprojection error, pixels.
+        hand_eye: the solution before the minimisation.
+        views: the looks that it rests on.
+        residuals: seen minus predicted corners (n, 2) of each.
+        rejected: the looks left out, with the reason.
+    """
+
+    camera: Camera
+    X_GC: Pose
+    X_WT: Pose
+    rms: float
+    hand_eye: HandEye
+    views: tuple[BoardView, ...]
+    residuals: tuple[NDArray[np.float64], ...]
+    rejected: tuple[str, ...]
+    date: str
+
+
+def calibrate_gripper_camera(
+    X_WG: Sequence[Pose],
+    views: Sequence[BoardView],
+    camera: Camera | None = None,
+    *,
+    date: datetime.date | None = None,
+) -> GripperFit:
+    """Find the camera in the gripper's frame by Tsai-Lenz, then by least reprojection error.
+
+    Args:
+        X_WG: poses (4, 4) of the gripper in the world, one for each look.
+        views: the board in each look's image.
+        camera: intrinsics, which then stay as they are; None finds them from the same views.
+        date: of the calibration; None takes today.
+
+    Raises:
+        InputError: fewer than 8 looks, too little turn about a second axis, methods that disagree,
+            too many looks that do not fit, or a residual over 1 px.
+    """
+    free = camera is None
+    if camera is None:
+        camera = calibrate_camera(list(views), "gripper")
+    name = "gripper calibration"
+    poses, kept = list(X_WG), list(views)
+    X_CT = [board_pose(view, camera) for view in kept]
+    rejected = []
+    if len(poses) == len(kept) >= 3:
+        odd = outlying(poses, X_CT)
+        rejected = [
+            f"{view.name}: the board turned by another angle than the gripper's pose says"
+            for view, bad in zip(kept, odd, strict=True)
+            if bad
+        ]
+        good = np.flatnonzero(~odd)
+        poses, kept = [poses[k] for k in good], [kept[k] for k in good]
+        X_CT = [X_CT[k] for k in good]
+    while True:
+        solution = solve_hand_eye(poses, X_CT, name=name)
+        rig = Rig((camera,), (solution.X_MC,), (np.eye(4),), (solution.X_BT,))
+        shots = [Shot(view, 0, 0, 0, X) for X, view in zip(poses, kept, strict=True)]
+        fit = adjust(rig, shots, intrinsics=free)
+        worst = worst_outlier(fit.shot_rms)
+        if worst is None:
+            break
+        rejected.append(
+            f"{kept[worst].name}: fits to {fit.shot_rms[worst]:.2f} px only, the others to "
+            f"{np.median(fit.shot_rms):.2f} px"
+        )
+        del poses[worst], kept[worst], X_CT[worst]
+    check_rejected(len(kept), rejected)
+    check_residual(fit.rms, name)
+    return GripperFit(
+        camera=fit.rig.cameras[0],
+        X_GC=fit.rig.mounts[0],
+        X_WT=fit.rig.boards[0],
+        rms=fit.rms,
+        hand_eye=solution,
+        views=tuple(kept),
+        residuals=fit.residuals,
+        rejected=tuple(rejected),
+        date=(date or datetime.date.today()).isoformat(),
+    )

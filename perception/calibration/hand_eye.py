@@ -1,0 +1,214 @@
+"""Hand-eye calibration: where a camera is on the mount that moves it, from A X = X B.
+
+Frames: B the mechanism's base, M its moving mount, C the camera, T a board that stays in place.
+X_BT = X_BM X_MC X_CT is the same for every look, so for two looks i and j
+
+    A X = X B,  A = inverse(X_BM_j) X_BM_i,  X = X_MC,  B = X_CT_j inverse(X_CT_i).
+
+`tsai_lenz` is our own; it is checked against Park-Martin and Daniilidis as OpenCV has them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from unwrinkle.models import InputError
+from unwrinkle.models.transforms import Pose, inverse, pose
+from unwrinkle.perception.calibration.projection import crosses
+
+FEWEST_LOOKS = 8
+LEAST_TURN = np.radians(6.0)
+_MOST_TURN_APART = np.radians(0.5)
+_MOST_SHIFT_APART = 0.015
+_TURN_FLOOR = np.radians(0.3)
+_OUTLYING = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class HandEye:
+    """Outcome of a hand-eye calibration.
+
+    Attributes:
+        X_MC: (4, 4) the camera on its mount.
+        X_BT: (4, 4) the board in the mechanism's base, mean over the looks.
+        turn_apart, shift_apart: largest disagreement of the other methods with X_MC, radians and
+            metres.
+        spread: (3,) by how much the mount turned about its three principal axes, radians, most
+            first.
+        board_shift: (looks,) distance of the board from where X_BT has it, metres.
+        board_turn: (looks,) likewise, radians.
+    """
+
+    X_MC: Pose
+    X_BT: Pose
+    turn_apart: float
+    shift_apart: float
+    spread: NDArray[np.float64]
+    board_shift: NDArray[np.float64]
+    board_turn: NDArray[np.float64]
+
+
+def solve_hand_eye(
+    X_BM: Sequence[Pose], X_CT: Sequence[Pose], *, name: str = "hand-eye calibration"
+) -> HandEye:
+    """Find the camera on its mount, by Tsai-Lenz, and check it by two other methods.
+
+    Args:
+        X_BM: poses (4, 4) of the mount, one for each look.
+        X_CT: poses (4, 4) of the board in the camera's frame, in the same order.
+        name: for messages.
+
+    Raises:
+        InputError: fewer than 8 looks, too little turn about a second axis, or methods that
+            disagree.
+    """
+    if len(X_BM) != len(X_CT):
+        raise InputError(f"{name}: {len(X_BM)} poses of the mount, {len(X_CT)} of the board")
+    if len(X_BM) < FEWEST_LOOKS:
+        raise InputError(
+            f"{name}: {len(X_BM)} usable looks, wanted at least {FEWEST_LOOKS}; take more"
+        )
+    spread, axes = turn_spread(X_BM)
+    if spread[1] < LEAST_TURN:
+        first, second = (np.round(axis, 2) + 0.0 for axis in axes[:2])
+        raise InputError(
+            f"{name}: the mount turns by {np.degrees(spread[0]):.1f} degrees about its axis {first} "
+            f"but by only {np.degrees(spread[1]):.1f} about a second one, {second}; wanted at "
+            f"least {np.degrees(LEAST_TURN):.0f} about both, add looks turned about that axis"
+        )
+    X_MC = tsai_lenz(X_BM, X_CT)
+    others = [_by_opencv(X_BM, X_CT, method) for method in _CROSS_CHECKS.values()]
+    turns = [angle_between(X_MC, other) for other in others]
+    shifts = [float(np.linalg.norm(X_MC[:3, 3] - other[:3, 3])) for other in others]
+    if max(turns) > _MOST_TURN_APART or max(shifts) > _MOST_SHIFT_APART:
+        apart = ", ".join(
+            f"{method} by {np.degrees(turn):.2f} degrees and {1e3 * shift:.1f} mm"
+            for method, turn, shift in zip(_CROSS_CHECKS, turns, shifts, strict=True)
+        )
+        raise InputError(
+            f"{name}: methods disagree with Tsai's ({apart}; at most "
+            f"{np.degrees(_MOST_TURN_APART):.1f} degrees and {1e3 * _MOST_SHIFT_APART:.0f} mm); the "
+            "angles or poses may not belong to the images, or turn the mount more"
+        )
+    boards = [M @ X_MC @ T for M, T in zip(X_BM, X_CT, strict=True)]
+    X_BT = mean_pose(boards)
+    return HandEye(
+        X_MC=X_MC,
+        X_BT=X_BT,
+        turn_apart=max(turns),
+        shift_apart=max(shifts),
+        spread=spread,
+        board_shift=np.array([np.linalg.norm(X[:3, 3] - X_BT[:3, 3]) for X in boards]),
+        board_turn=np.array([angle_between(X, X_BT) for X in boards]),
+    )
+
+
+def tsai_lenz(X_BM: Sequence[Pose], X_CT: Sequence[Pose]) -> Pose:
+    """Return X_MC (4, 4) by the method of R. Y. Tsai and R. K. Lenz (1989), over all pairs of looks.
+
+    Rotation: with P = 2 sin(angle / 2) axis of A and of B, solve (P_A + P_B) x P' = P_B - P_A
+    (their Eq. 12), P = 2 P' / sqrt(1 + |P'|^2) (Eq. 14); then (R_A - I) p = R_X p_B - p_A (Eq. 15).
+    """
+    A, B = _motions(X_BM, X_CT)
+    P_A, P_B = _half_turns(A), _half_turns(B)
+    difference = (P_B - P_A).ravel()
+    halved = np.linalg.lstsq(crosses(P_A + P_B).reshape(-1, 3), difference, rcond=None)[0]
+    P = 2.0 * halved / np.sqrt(1.0 + halved @ halved)
+    R = (1.0 - 0.5 * (P @ P)) * np.eye(3)
+    R = R + 0.5 * (np.outer(P, P) + np.sqrt(4.0 - P @ P) * crosses(P[None])[0])
+    left = (A[:, :3, :3] - np.eye(3)).reshape(-1, 3)
+    right = (B[:, :3, 3] @ R.T - A[:, :3, 3]).ravel()
+    return pose(R, np.linalg.lstsq(left, right, rcond=None)[0])
+
+
+def turn_spread(X_BM: Sequence[Pose]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """By how much a mount turned: range (3,) about principal axes, radians, and the axes (3, 3).
+
+    The axes are rows, in the mount's frame at its mean attitude; most turn first.
+    """
+    attitudes = Rotation.from_matrix(np.array([X[:3, :3] for X in X_BM]))
+    vectors = (attitudes.mean().inv() * attitudes).as_rotvec()
+    _, _, axes = np.linalg.svd(vectors - vectors.mean(axis=0))
+    ranges = np.ptp(vectors @ axes.T, axis=0)
+    order = np.argsort(-ranges, kind="stable")
+    return ranges[order], axes[order]
+
+
+def contradictions(X_BM: Sequence[Pose], X_CT: Sequence[Pose]) -> NDArray[np.float64]:
+    """By how much each look contradicts the others, (looks,) radians, whatever X_MC is.
+
+    A and B turn by the same angle; a look's contradiction is the median, over its pairs with all
+    other looks, of the difference.
+    """
+    n = len(X_BM)
+    A, B = _motions(X_BM, X_CT)
+    table = np.full((n, n), np.nan)
+    pairs = np.array(list(combinations(range(n), 2)))
+    difference = np.abs(_angles(A) - _angles(B))
+    table[pairs[:, 0], pairs[:, 1]] = table[pairs[:, 1], pairs[:, 0]] = difference
+    return np.asarray(np.nanmedian(table, axis=1))
+
+
+def outlying(X_BM: Sequence[Pose], X_CT: Sequence[Pose]) -> NDArray[np.bool_]:
+    """Which looks, (looks,) bool, do not fit the others: the angles of another image, say."""
+    found = contradictions(X_BM, X_CT)
+    return np.asarray(found > max(_TURN_FLOOR, _OUTLYING * float(np.median(found))))
+
+
+def mean_pose(poses: Sequence[Pose]) -> Pose:
+    """Return the mean of poses (4, 4) that are close together."""
+    attitudes = Rotation.from_matrix(np.array([X[:3, :3] for X in poses]))
+    return pose(attitudes.mean().as_matrix(), np.mean([X[:3, 3] for X in poses], axis=0))
+
+
+def angle_between(X: Pose, Y: Pose) -> float:
+    """Angle of the rotation from one pose's attitude to the other's, radians."""
+    return float(Rotation.from_matrix(X[:3, :3].T @ Y[:3, :3]).magnitude())
+
+
+_CROSS_CHECKS = {
+    "Park-Martin": cv2.CALIB_HAND_EYE_PARK,
+    "Daniilidis": cv2.CALIB_HAND_EYE_DANIILIDIS,
+}
+
+
+def _by_opencv(X_BM: Sequence[Pose], X_CT: Sequence[Pose], method: int) -> Pose:
+    """X_MC by one of OpenCV's methods; turned half round and far off where it finds nothing."""
+    nothing = pose(np.diag([-1.0, -1.0, 1.0]), np.full(3, 1e3))
+    try:
+        R, p = cv2.calibrateHandEye(
+            [X[:3, :3] for X in X_BM],
+            [X[:3, 3] for X in X_BM],
+            [X[:3, :3] for X in X_CT],
+            [X[:3, 3] for X in X_CT],
+            method=method,
+        )
+    except cv2.error:
+        return nothing
+    X_MC = pose(np.asarray(R), np.ravel(p))
+    proper = bool(np.isfinite(X_MC).all()) and float(np.linalg.det(X_MC[:3, :3])) > 0.0
+    return X_MC if proper else nothing
+
+
+def _motions(
+    X_BM: Sequence[Pose], X_CT: Sequence[Pose]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A and B of every pair of looks, (pairs, 4, 4)."""
+    pairs = list(combinations(range(len(X_BM)), 2))
+    A = np.array([inverse(X_BM[j]) @ X_BM[i] for i, j in pairs])
+    B = np.array([X_CT[j] @ inverse(X_CT[i]) for i, j in pairs])
+    return A, B
+
+
+def _angles(X: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(Rotation.from_matrix(X[:, :3, :3]).magnitude())
+
+
+def _half_turns(X: NDArray[np.float64]) -> NDArray[np.float64]:
+    """2 sin(angle / 2) axis of each motion, (n, 3)."""
+    return 2.0 * Rotation.from_matrix(X[:, :3, :3]).as_quat(canonical=True)[:, :3]

@@ -1,0 +1,272 @@
+"""Garment, table, background: GrabCut on colour with a depth prior, or depth alone.
+
+GrabCut: C. Rother, V. Kolmogorov, A. Blake, SIGGRAPH 2004. Flat single cloth is 0.5-3 mm high, less
+than a depth camera's noise: there only colour can tell it from the table.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from unwrinkle.models import InputError
+from unwrinkle.perception.depth.color_registration import align_colour
+from unwrinkle.perception.sensor import NoiseProfile
+
+Mask = NDArray[np.bool_]
+_WORK_WIDTH = 320
+_WORKERS = 2
+_LEAST_AREA = 0.004
+_LEAST_SAMPLES = 20
+_LARGEST_AREA = 0.92
+_LEAST_CORE_KEPT = 0.85
+_ODDS = (1.0, 2.0, 4.0)  # the surroundings may hold much of the garment
+
+
+@dataclass(frozen=True, eq=False)
+class Segmentation:
+    """Which pixels of the depth image are garment.
+
+    Attributes:
+        garment: (h, w) bool.
+        colour: (h, w, 3) uint8 RGB in the depth image's pixels, or None.
+        method: "colour", "aligned colour" or "depth": what decided.
+        alignment: (2, 3) affine from colour pixels to depth pixels where it was estimated.
+    """
+
+    garment: Mask
+    colour: NDArray[np.uint8] | None
+    method: str
+    alignment: NDArray[np.float64] | None = None
+
+
+def segment(
+    height: NDArray[np.floating[Any]],
+    seen: Mask,
+    profile: NoiseProfile,
+    *,
+    colour: NDArray[np.uint8] | None = None,
+    registered: bool = True,
+    seed: int = 0,
+) -> Segmentation:
+    """Find the garment in an image of heights above the table.
+
+    Args:
+        height: (h, w) metres above the table plane, anything where not seen.
+        seen: (h, w) bool, where there is a reading.
+        profile: noise of the sensor.
+        colour: (h', w', 3) uint8 RGB, or None.
+        registered: the colour image has the depth image's pixels (then h', w' = h, w); otherwise a
+            similarity between them is estimated, and depth alone decides where that fails.
+        seed: of OpenCV's random numbers (GrabCut's mixture models start from k-means).
+
+    Raises:
+        InputError: nothing stands out of the table, or nearly everything does.
+    """
+    smooth = smooth_heights(height, seen, _blur_radius(height.shape, profile))
+    depth_mask, core = _by_depth(smooth, seen, profile)
+    if not core.any():
+        raise InputError(
+            f"capture: no garment found (nothing over {_least_area(height.size)} pixels stands "
+            f"{profile.garment_height * 1e3:.1f} mm above the table); lay a garment in view"
+        )
+    alignment = None
+    image = None
+    pictured = np.ones(seen.shape, dtype=bool)  # where the colour image has pixels
+    method = "colour"
+    if colour is not None and registered:
+        image = colour
+        depth_mask = _grab_cut_first(colour, core, depth_mask, seed) | core
+    elif colour is not None:
+        first = _grab_cut_first(colour, core, depth_mask, seed)
+        alignment = align_colour(first, smooth, seen, span=0.8 * profile.garment_height)
+        if alignment is not None:
+            size = (height.shape[1], height.shape[0])
+            image = np.asarray(
+                cv2.warpAffine(
+                    colour, alignment, size, flags=cv2.INTER_AREA, borderMode=cv2.BORDER_REPLICATE
+                ),
+                dtype=np.uint8,
+            )
+            warped = cv2.warpAffine(first.astype(np.uint8), alignment, size) > 0
+            pictured = cv2.warpAffine(np.ones(first.shape, np.uint8), alignment, size) > 0
+            # Where there is no colour only what stands out clearly counts.
+            clear = core & (smooth > 2.0 * profile.garment_height)
+            depth_mask = np.where(pictured, warped | core, clear)
+            method = "aligned colour"
+    garment = depth_mask
+    if image is not None:
+        cut = _grab_cut(image, core, depth_mask, pictured, seed)
+        if np.count_nonzero(cut & core) >= _LEAST_CORE_KEPT * np.count_nonzero(core):
+            garment = cut
+        else:
+            image, alignment, method = (image if registered else None), None, "depth"
+            garment = _by_depth(smooth, seen, profile)[0]
+    else:
+        method = "depth"
+    garment = one_piece(garment)
+    share = np.count_nonzero(garment) / garment.size
+    if share > _LARGEST_AREA:
+        raise InputError(
+            f"capture: the garment fills {share:.0%} of the view; the table must be seen around it"
+        )
+    return Segmentation(garment, image, method, alignment)
+
+
+def smooth_heights(
+    height: NDArray[np.floating[Any]], seen: Mask, radius: float
+) -> NDArray[np.float32]:
+    """Gaussian average of the seen readings only; 0 far from every reading."""
+    weight = cv2.GaussianBlur(seen.astype(np.float32), (0, 0), radius)
+    total = cv2.GaussianBlur(np.where(seen, height, 0.0).astype(np.float32), (0, 0), radius)
+    result: NDArray[np.float32] = np.where(weight > 0.05, total / np.maximum(weight, 0.05), 0.0)
+    return result.astype(np.float32)
+
+
+def _blur_radius(shape: tuple[int, ...], profile: NoiseProfile) -> float:
+    # Enough averaging for the noise to sink well below the garment's least height.
+    ratio = profile.depth_noise / profile.garment_height
+    return float(np.clip(6.0 * ratio, 1.0, 4.0)) * max(1.0, shape[1] / 640.0)
+
+
+def _least_area(size: int) -> int:
+    return int(_LEAST_AREA * size)
+
+
+def _by_depth(smooth: NDArray[np.float32], seen: Mask, profile: NoiseProfile) -> tuple[Mask, Mask]:
+    """Hysteresis on height: the weak mask grown from the strong one, and the strong core."""
+    strong = smooth > profile.garment_height
+    weak = (smooth > 0.5 * profile.garment_height).astype(np.uint8)
+    weak = np.asarray(cv2.morphologyEx(weak, cv2.MORPH_OPEN, _disc(3)), dtype=np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(weak)
+    strength = np.bincount(labels[strong], minlength=len(stats))
+    strength[0] = 0
+    least = 0.5 * _least_area(smooth.size)
+    good = (strength > 0.25 * stats[:, cv2.CC_STAT_AREA]) & (stats[:, cv2.CC_STAT_AREA] > least)
+    good &= strength > 0.05 * max(1, strength.max())
+    good[0] = False
+    mask: Mask = good[labels]
+    if np.count_nonzero(mask) < _least_area(smooth.size):
+        mask = np.zeros_like(mask)
+    return mask, mask & strong & seen
+
+
+def _disc(radius: int) -> NDArray[np.uint8]:
+    size = 2 * radius + 1
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)), dtype=np.uint8)
+
+
+def _resize(mask: Mask, size: tuple[int, int]) -> Mask:
+    resized = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+    return np.asarray(resized) > 0
+
+
+def _small(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    scale = min(1.0, _WORK_WIDTH / image.shape[1])
+    size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _run_grab_cut(image: NDArray[np.uint8], labels: NDArray[np.uint8], seed: int) -> Mask:
+    start: Mask = (labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)
+    if min(np.count_nonzero(start), np.count_nonzero(~start)) < _LEAST_SAMPLES:
+        return start  # one of the mixture models would have nothing to learn from
+    cv2.setRNGSeed(seed)
+    lab = cv2.cvtColor(image, cv2.COLOR_RGB2LAB)
+    background, foreground = np.zeros((1, 65)), np.zeros((1, 65))
+    cv2.grabCut(lab, labels, (0, 0, 0, 0), background, foreground, 4, cv2.GC_INIT_WITH_MASK)
+    return (labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)
+
+
+def _grab_cut_first(colour: NDArray[np.uint8], core: Mask, mask: Mask, seed: int) -> Mask:
+    """Segment a colour image that is only roughly where the depth image is.
+
+    Where depth sees but a part of thin cloth, the rest of it must not teach the table's colours:
+    several starts compete (what depth sees; what looks more like the core than like the
+    surroundings, wherever it lies), and the cut whose outline lies on the strongest edges wins.
+    """
+    small = _small(colour)
+    size = (small.shape[1], small.shape[0])
+    inside = cv2.erode(_resize(core, size).astype(np.uint8), _disc(8)) > 0
+    if np.count_nonzero(inside) < 200:
+        inside = cv2.erode(_resize(core, size).astype(np.uint8), _disc(4)) > 0
+    outside = cv2.dilate(_resize(mask, size).astype(np.uint8), _disc(10)) == 0
+    lab = cv2.cvtColor(small, cv2.COLOR_RGB2LAB)
+    ratio = _density(lab, inside) / (_density(lab, outside) + 1e-9)
+    sure = cv2.erode(inside.astype(np.uint8), _disc(4)) > 0
+
+    def cut(start: Mask) -> tuple[float, Mask]:
+        labels = np.where(start, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+        labels[sure] = cv2.GC_FGD
+        mask = one_piece(_run_grab_cut(small, labels, seed))
+        return _edge_strength(lab, mask), mask
+
+    starts = [_resize(mask, size), *(odds * ratio > 1.0 for odds in _ODDS)]
+    with ThreadPoolExecutor(_WORKERS) as pool:  # OpenCV's random numbers are each thread's own
+        score, best = max(pool.map(cut, starts), key=lambda scored: scored[0])
+    if score <= -1.0:
+        best = np.zeros(small.shape[:2], dtype=bool)
+    return _resize(best, (colour.shape[1], colour.shape[0]))
+
+
+def _edge_strength(lab: NDArray[Any], mask: Mask) -> float:
+    """Mean colour step along the mask's outline, less the share of the frame that it covers."""
+    blurred = cv2.GaussianBlur(lab, (0, 0), 1.5).astype(np.float32)
+    right, down = (np.asarray(cv2.Sobel(blurred, cv2.CV_32F, i, 1 - i)) for i in (1, 0))
+    gradient = np.sqrt((right**2 + down**2).sum(axis=-1))
+    near = cv2.dilate(np.minimum(gradient, np.percentile(gradient, 95.0)), _disc(2))
+    outline = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_GRADIENT, _disc(1)) > 0
+    outline[[0, 1, -2, -1], :] = False
+    outline[:, [0, 1, -2, -1]] = False
+    if not outline.any():
+        return -1.0
+    frame = np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).mean()
+    return float(np.asarray(near)[outline].mean() * (1.0 - frame))
+
+
+def _density(lab: NDArray[Any], where: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Density of each pixel's colour among the pixels `where`, from a smoothed histogram."""
+    bins = (lab >> 4).astype(np.intp)
+    index = (bins[..., 0] * 16 + bins[..., 1]) * 16 + bins[..., 2]
+    counts = np.bincount(index[where], minlength=4096).reshape(16, 16, 16)
+    number = max(1.0, float(where.sum()))
+    smooth = np.asarray(gaussian_filter(counts.astype(np.float32), 1.2)) / np.float32(number)
+    density: NDArray[np.float32] = smooth.ravel()[index]
+    return density
+
+
+def _grab_cut(image: NDArray[np.uint8], core: Mask, mask: Mask, pictured: Mask, seed: int) -> Mask:
+    """Segment a registered colour image: far from the prior is table, high inside is garment."""
+    small = _small(image)
+    size = (small.shape[1], small.shape[0])
+    prior = _resize(mask, size)
+    labels = np.full(small.shape[:2], cv2.GC_BGD, dtype=np.uint8)
+    labels[cv2.dilate(prior.astype(np.uint8), _disc(12)) > 0] = cv2.GC_PR_BGD
+    labels[prior] = cv2.GC_PR_FGD
+    labels[cv2.erode(_resize(core, size).astype(np.uint8), _disc(4)) > 0] = cv2.GC_FGD
+    known = _resize(pictured, size)
+    labels[~known] = np.where(prior[~known], cv2.GC_FGD, cv2.GC_BGD)
+    cut = _run_grab_cut(small, labels, seed).astype(np.float32)
+    full = cv2.resize(cut, (image.shape[1], image.shape[0]), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(full) > 0.5
+
+
+def one_piece(mask: Mask, radius: int | None = None) -> Mask:
+    """Return the largest piece, gaps and necks under 2 * radius closed and cut, holes filled."""
+    if radius is None:
+        radius = max(2, round(mask.shape[1] / 320))
+    margin = 3 * radius + 2
+    padded = np.pad(mask.astype(np.uint8), margin, mode="edge")
+    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, _disc(radius))
+    closed = cv2.morphologyEx(closed, cv2.MORPH_OPEN, _disc(radius))
+    closed = closed[margin:-margin, margin:-margin]
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(closed)
+    if count < 2:
+        return np.zeros_like(mask)
+    piece = (labels == 1 + np.argmax(stats[1:, cv2.CC_STAT_AREA])).astype(np.uint8)
+    contours, _ = cv2.findContours(piece, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return np.asarray(cv2.drawContours(np.zeros_like(piece), contours, -1, 1, cv2.FILLED)) > 0

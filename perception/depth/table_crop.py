@@ -1,0 +1,73 @@
+"""The part of a capture that shows a known table: from above a depth camera sees the floor as well.
+
+Where the floor fills more of the view than the table does, it is the floor that `fit_table` finds.
+"""
+
+import dataclasses as dc
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.models import InputError
+from unwrinkle.perception.depth.capture import Capture
+
+_BELOW = 0.05  # metres under the table's top; a reading further down is not on it
+_LEAST_PIXELS = 32
+
+
+def over_table(
+    capture: Capture, centre: NDArray[np.floating[Any]], size: tuple[float, float]
+) -> Capture:
+    """Crop a capture to the window that holds a table's top, and drop readings far below it.
+
+    Args:
+        capture: with the camera's pose.
+        centre: (3,) world x, y, z of the middle of the table's top, metres.
+        size: of the top along world x and y, metres.
+
+    Returns:
+        A capture of its own camera: the same pinhole with a smaller image.
+
+    Raises:
+        InputError: the pose is not known, the camera is not above the table, the table is not in
+            view, or there is next to no reading on it.
+    """
+    if capture.X_WC is None:
+        raise InputError(f"{capture.name}: where the camera is, is not known; give its pose")
+    camera, R_WC, p_WC = capture.camera, capture.X_WC[:3, :3], capture.X_WC[:3, 3]
+    half = 0.5 * np.array(size)
+    ends = np.linspace(-1.0, 1.0, 9)
+    across, along = np.meshgrid(ends * half[0], ends * half[1])
+    top = np.stack([across, along, np.zeros_like(across)], axis=-1) + np.asarray(centre, float)
+    p_CT = (top.reshape(-1, 3) - p_WC) @ R_WC
+    if p_WC[2] <= centre[2] or (p_CT[:, 2] <= 0.0).any():
+        raise InputError(f"{capture.name}: the camera does not look down on the whole table")
+    pixels = camera.project(p_CT)
+    shape = np.array([camera.width, camera.height])
+    low = np.clip(np.floor(pixels.min(axis=0)).astype(int), 0, shape)
+    high = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + 1, 0, shape)
+    if (high - low < _LEAST_PIXELS).any():
+        raise InputError(
+            f"{capture.name}: the table is not in view; check the camera's pose, or turn it there"
+        )
+    window = (slice(low[1], high[1]), slice(low[0], high[0]))
+    x, y = (axis[window] for axis in camera.rays())
+    depth = np.array(capture.depth[window])
+    level = depth * (R_WC[2, 0] * x + R_WC[2, 1] * y + R_WC[2, 2]) + p_WC[2]
+    depth[level < centre[2] - _BELOW] = 0.0
+    registered = capture.colour is not None and capture.colour_registered
+    return Capture(
+        depth=depth,
+        camera=dc.replace(
+            camera,
+            width=int(high[0] - low[0]),
+            height=int(high[1] - low[1]),
+            cx=camera.cx - float(low[0]),
+            cy=camera.cy - float(low[1]),
+        ),
+        colour=capture.colour[window] if registered and capture.colour is not None else None,
+        colour_registered=registered,
+        X_WC=capture.X_WC,
+        name=capture.name,
+    )

@@ -1,0 +1,186 @@
+"""The table plane under the garment, and the slow bias of the depth sensor seen on it.
+
+A plane n . p = 1 seen by a pinhole has inverse depth 1/z = n . (x, y, 1): linear in the ray. So
+the fit is linear in inverse depth, which is also where structured light's errors are simple.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.models import InputError
+from unwrinkle.perception.camera import Camera
+from unwrinkle.perception.sensor import NoiseProfile
+
+_TRIALS = 600
+_SAMPLES = 8000
+_FIT_SAMPLES = 80_000
+_LEAST_TABLE = 0.08
+_STEEPEST = 60.0
+_LEAST_PER_COLUMN = 0.08
+
+
+@dataclass(frozen=True, eq=False)
+class TableFit:
+    """The table plane in the camera frame C and the depth with the slow bias taken out.
+
+    Attributes:
+        normal_C: (3,) unit normal that points to the camera (up).
+        distance: from the camera to the plane, metres.
+        depth: (h, w) metres along z of C, bias corrected, 0 where there is no reading.
+        height: (h, w) metres above the plane, 0 where there is no reading.
+        table: (h, w) bool, readings that lie on the plane.
+        rms: metres, of the table's readings about the plane.
+    """
+
+    normal_C: NDArray[np.float64]
+    distance: float
+    depth: NDArray[np.float64]
+    height: NDArray[np.float64]
+    table: NDArray[np.bool_]
+    rms: float
+
+
+def fit_table(
+    depth: NDArray[np.floating[Any]],
+    camera: Camera,
+    profile: NoiseProfile,
+    *,
+    exclude: NDArray[np.bool_] | None = None,
+    seed: int = 0,
+) -> TableFit:
+    """Fit the table that a garment lies on: much of the view is on it, little is below.
+
+    Args:
+        depth: (h, w) metres along the optical axis, 0 for no reading.
+        camera: of that image size.
+        profile: noise of the sensor; says whether a slow bias is taken out.
+        exclude: (h, w) readings known to be garment, left out of the fit.
+        seed: of the consensus sampling.
+
+    Raises:
+        InputError: no plane holds enough of the view, or it is seen at a grazing angle.
+    """
+    x, y = camera.rays()
+    seen = depth > 0.0
+    usable = seen if exclude is None else seen & ~exclude
+    if np.count_nonzero(usable) < 100:
+        raise InputError("capture: too little of the table is seen; show table around the garment")
+    rng = np.random.default_rng(seed)
+    rows, columns = np.nonzero(usable)
+    if rows.size > _FIT_SAMPLES:
+        pick = rng.choice(rows.size, _FIT_SAMPLES, replace=False)
+        rows, columns = rows[pick], columns[pick]
+    inverse = 1.0 / np.asarray(depth, dtype=float)[rows, columns]
+    rays = np.column_stack([x[rows, columns], y[rows, columns], np.ones(rows.size)])
+    band = max(2.0 * profile.depth_noise, 0.001)
+    plane = _consensus(rays, inverse, band, rng)
+    for _ in range(8):
+        height = _heights(rays, inverse, plane)
+        on = (height > -3.0 * band) & (height < band)
+        if np.count_nonzero(on) < _LEAST_TABLE * rows.size:
+            raise InputError(
+                "capture: no table plane found (only "
+                f"{np.count_nonzero(on) / rows.size:.0%} of the readings agree on one); "
+                "show more of a flat table around the garment"
+            )
+        plane = np.asarray(np.linalg.lstsq(rays[on], inverse[on], rcond=None)[0], dtype=float)
+    length = float(np.linalg.norm(plane))
+    tilt = np.degrees(np.arccos(np.clip(plane[2] / length, -1.0, 1.0)))
+    if tilt > _STEEPEST:
+        raise InputError(
+            f"capture: the table is seen at {tilt:.0f} degrees from straight above, "
+            f"at most {_STEEPEST:.0f} are usable; look from further above"
+        )
+    full_inverse = np.zeros(depth.shape)
+    full_inverse[seen] = 1.0 / np.asarray(depth, dtype=float)[seen]
+    level = plane[0] * x + plane[1] * y + plane[2]
+    full_inverse -= _bias(full_inverse - level, usable, level, band, profile)
+    height = np.where(seen, (full_inverse - level) / np.where(seen, full_inverse, 1.0), 0.0)
+    height /= length
+    table = usable & (np.abs(height) < 1.5 * band)
+    corrected = np.where(seen, 1.0 / np.where(seen, full_inverse, 1.0), 0.0)
+    rms = float(np.sqrt(np.mean(height[table] ** 2))) if table.any() else 0.0
+    return TableFit(-plane / length, 1.0 / length, corrected, height, table, rms)
+
+
+def _heights(
+    rays: NDArray[np.float64], inverse: NDArray[np.float64], plane: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    # (1 - n.p)/|n| with p = ray / inverse, positive towards the camera.
+    heights: NDArray[np.float64] = (inverse - rays @ plane) / (inverse * np.linalg.norm(plane))
+    return heights
+
+
+def _consensus(
+    rays: NDArray[np.float64],
+    inverse: NDArray[np.float64],
+    band: float,
+    rng: np.random.Generator,
+) -> NDArray[np.float64]:
+    pick = rng.choice(inverse.size, min(_SAMPLES, inverse.size), replace=False)
+    rays, inverse = rays[pick], inverse[pick]
+    best, best_score = np.array([0.0, 0.0, np.median(inverse)]), -np.inf
+    for _ in range(_TRIALS):
+        three = rng.choice(inverse.size, 3, replace=False)
+        if abs(np.linalg.det(rays[three])) < 1e-4:
+            continue
+        plane = np.asarray(np.linalg.solve(rays[three], inverse[three]), dtype=float)
+        if plane[2] <= 0.0:
+            continue
+        height = _heights(rays, inverse, plane)
+        # The garment lies above: readings under the plane speak against it, those above do not.
+        below = (height < -2.0 * band) & (height > -0.1)
+        score = float(np.count_nonzero(np.abs(height) < band) - 0.5 * np.count_nonzero(below))
+        if score > best_score:
+            best, best_score = plane, score
+    return best
+
+
+def _bias(
+    residual: NDArray[np.float64],
+    usable: NDArray[np.bool_],
+    level: NDArray[np.float64],
+    band: float,
+    profile: NoiseProfile,
+) -> NDArray[np.float64]:
+    """Slow error of inverse depth over the image: a low polynomial, and bands along columns."""
+    bias = np.zeros(residual.shape)
+    if profile.bias_degree < 2 and not profile.column_bias:
+        return bias
+    limit = band * level**2  # a height of `band` as a change of inverse depth
+    ny, nx = residual.shape
+    v, u = np.meshgrid(np.linspace(-1.0, 1.0, ny), np.linspace(-1.0, 1.0, nx), indexing="ij")
+    powers = [
+        (i, j) for i in range(profile.bias_degree + 1) for j in range(profile.bias_degree + 1 - i)
+    ]
+    step = max(1, int(np.sqrt(residual.size / _FIT_SAMPLES)))
+    thin = (slice(None, None, step), slice(None, None, step))
+    for _ in range(4):
+        rest = residual - bias
+        on = usable & (rest < limit) & (rest > -2.0 * limit)
+        if profile.bias_degree >= 2:
+            chosen = on[thin]
+            basis = np.column_stack(
+                [u[thin][chosen] ** i * v[thin][chosen] ** j for i, j in powers]
+            )
+            weights = np.linalg.lstsq(basis, rest[thin][chosen], rcond=None)[0]
+            for (i, j), weight in zip(powers, weights, strict=True):
+                bias += weight * u**i * v**j
+        if profile.column_bias:
+            bias += _columns(np.where(on, residual - bias, np.nan))
+    return bias
+
+
+def _columns(rest: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Median error per column; columns with little table in view take their neighbours'."""
+    count = np.count_nonzero(np.isfinite(rest), axis=0)
+    good = count >= _LEAST_PER_COLUMN * rest.shape[0]
+    if np.count_nonzero(good) < 2:
+        return np.zeros((1, rest.shape[1]))
+    medians = np.nanmedian(rest[:, good], axis=0)
+    at = np.arange(rest.shape[1])
+    offsets = np.interp(at, at[good], medians)
+    return np.convolve(np.pad(offsets, 2, mode="edge"), np.full(5, 0.2), mode="valid")[None, :]

@@ -1,0 +1,1 @@
+"""From a pair of images of the stereo head to a range map: rectification, dense matching, heights."""

@@ -1,0 +1,169 @@
+"""What the sums over cells say of the disparity: a windowed step, or weights for a surface fit."""
+
+import cv2
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.perception._parallel import in_strips, together
+from unwrinkle.perception.stereo._kernels.normal_equations import CellSums
+
+Grid = NDArray[np.float32]
+
+# Shares of a grey level's variance that are left after rectification and the spline: of a
+# difference of both images, and of the gradient. Measured on matched renders.
+DIFFERENCE_NOISE = 0.74
+GRADIENT_NOISE = 0.156
+_MEAN = 21  # cells, square over which both images are made equally bright
+_SHARE, _LEAST_SHARE = 7, 0.1  # cells, square; of the gradient's square
+_FITS = 1.8  # misfit from which a cell counts less
+_LEAST_STEP_SHARE, _DULL = 0.4, 0.03  # keep a windowed step small where there is little texture
+
+
+def gauss(values: Grid, sigma: float) -> Grid:
+    """Gaussian mean, sigma in cells."""
+    return np.asarray(cv2.GaussianBlur(values, (0, 0), sigma, borderType=cv2.BORDER_REFLECT_101))
+
+
+def box(values: Grid, side: int) -> Grid:
+    """Mean over a square of `side` cells."""
+    return np.asarray(cv2.boxFilter(values, -1, (side, side), borderType=cv2.BORDER_REFLECT_101))
+
+
+def window_step(sums: CellSums, variance: Grid, window: float) -> Grid:
+    """Change of disparity (rows, columns) float32, pixels of the image in use, at most one.
+
+    Least squares of the disparity and the brightness's offset over a Gaussian window.
+
+    Args:
+        sums: over cells.
+        variance: of a grey level of the image in use.
+        window: cells, sigma.
+    """
+    fields = (sums.gg, sums.ge, sums.g, sums.e, sums.n)
+    gg, ge, g, e, n = together(lambda field: gauss(field, window), fields)
+    step = np.empty_like(gg)
+    in_strips(_steps, len(gg), gg, ge, g, e, n, variance, step)
+    return step
+
+
+def weigh(
+    sums: CellSums, variance: Grid, side: int, out: NDArray[np.float32]
+) -> tuple[Grid, Grid, Grid]:
+    """Weight and pull of each cell for `Plate.bend`, pixels of the image in use, and its misfit.
+
+    Args:
+        sums: over cells.
+        variance: of a grey level of the image in use.
+        side: cells, of the square that says how well a cell fits. A few pixels would not do: what
+            the disparity lacks shows in the same differences, and the fit would shy away from it.
+        out: (3, rows, columns) float32 for the result.
+    """
+    wanted = [
+        (sums.e, _MEAN),
+        (sums.g, _MEAN),
+        (sums.n, _MEAN),
+        (sums.n, _SHARE),
+        (sums.gg, _SHARE),
+    ]
+    if side > 1:
+        wanted += [(sums.ee, side), (sums.e, side), (sums.n, side)]
+    mean_e, mean_g, many, near, steep, *fit = together(lambda field: box(*field), wanted)
+    fit = fit or [sums.ee, sums.e, sums.n]
+    many = np.maximum(many, np.float32(1e-3))
+    means = (mean_e / many, mean_g / many)
+    # Of gg only the texture's share tells of disparity; the rest is the noise's own gradient.
+    own = np.float32(GRADIENT_NOISE) * variance * near
+    share = np.float32(1.0) - own / np.maximum(steep, np.float32(1e-3))
+    fields = (sums.gg, sums.ge, sums.g, sums.e, sums.n)
+    in_strips(_weigh, len(share), variance, fields, tuple(fit), means, share, out)
+    weight, pull, misfit = out
+    return weight, pull, misfit
+
+
+@nb.njit(nogil=True, cache=True, fastmath=True)
+def _step_row(gg: Grid, ge: Grid, g: Grid, e: Grid, n: Grid, variance: Grid, step: Grid) -> None:
+    one, little = np.float32(1.0), np.float32(1e-3)
+    own, least = np.float32(GRADIENT_NOISE), np.float32(_LEAST_STEP_SHARE)
+    dull = np.float32(_DULL)
+    for x in range(gg.size):
+        many = max(n[x], little)
+        over = gg[x] - g[x] * g[x] / many
+        # The noise's own gradient adds to the denominator and would shorten the step.
+        over = max(over - own * variance[x] * many, least * over)
+        change = (ge[x] - g[x] * e[x] / many) / (over + dull * many)
+        step[x] = min(max(change, -one), one)
+
+
+@nb.njit(nogil=True, cache=True)
+def _steps(
+    first: int,
+    last: int,
+    gg: Grid,
+    ge: Grid,
+    g: Grid,
+    e: Grid,
+    n: Grid,
+    variance: Grid,
+    step: Grid,
+) -> None:
+    for y in range(first, last):
+        _step_row(gg[y], ge[y], g[y], e[y], n[y], variance[y], step[y])
+
+
+@nb.njit(nogil=True, cache=True, fastmath=True)
+def _weigh_row(
+    variance: Grid,
+    sums: tuple[Grid, Grid, Grid, Grid, Grid],
+    fit: tuple[Grid, Grid, Grid],
+    means: tuple[Grid, Grid],
+    share: Grid,
+    weight: Grid,
+    pull: Grid,
+    misfit: Grid,
+) -> None:
+    gg, ge, g, e, n = sums
+    ees, es, ns = fit
+    mean_e, mean_g = means
+    one, two, zero = np.float32(1.0), np.float32(2.0), np.float32(0.0)
+    fits, least, noise = np.float32(_FITS), np.float32(_LEAST_SHARE), np.float32(DIFFERENCE_NOISE)
+    for x in range(gg.size):
+        expected = noise * variance[x]
+        left = ees[x] + mean_e[x] * (mean_e[x] * ns[x] - two * es[x])
+        over = left / (max(ns[x], one) * expected)
+        part = min(max(share[x], least), one)
+        trust = part / (expected * (one + max(over - fits, zero)))
+        # Both means belong to the same window, or a wide gradient would shorten the step.
+        weight[x] = (gg[x] + mean_g[x] * (mean_g[x] * n[x] - two * g[x])) * trust * part
+        joint = ge[x] - mean_e[x] * g[x] - mean_g[x] * (e[x] - mean_e[x] * n[x])
+        pull[x] = -joint * trust
+        misfit[x] = over
+
+
+@nb.njit(nogil=True, cache=True)
+def _weigh(
+    first: int,
+    last: int,
+    variance: Grid,
+    sums: tuple[Grid, Grid, Grid, Grid, Grid],
+    fit: tuple[Grid, Grid, Grid],
+    means: tuple[Grid, Grid],
+    share: Grid,
+    out: NDArray[np.float32],
+) -> None:
+    gg, ge, g, e, n = sums
+    ees, es, ns = fit
+    mean_e, mean_g = means
+    for y in range(first, last):
+        row = (gg[y], ge[y], g[y], e[y], n[y])
+        fits = (ees[y], es[y], ns[y])
+        _weigh_row(
+            variance[y],
+            row,
+            fits,
+            (mean_e[y], mean_g[y]),
+            share[y],
+            out[0, y],
+            out[1, y],
+            out[2, y],
+        )

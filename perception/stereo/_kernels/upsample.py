@@ -1,0 +1,56 @@
+"""From values on cells to pixels: bilinear disparity and its mask in one pass."""
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.perception._parallel import in_strips
+from unwrinkle.perception.stereo._kernels.normal_equations import spread_row
+
+Grid = NDArray[np.float32]
+
+
+def spread_cells(
+    disparity: Grid, good: NDArray[np.bool_], cell: int, shape: tuple[int, int]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Return disparity (h, w) float32, 0 in cells that are not good, and the mask (h, w) bool.
+
+    Args:
+        disparity: (rows, columns) at the cells' centres.
+        good: (rows, columns).
+        cell: pixels along a cell's side.
+        shape: (h, w), at most (rows, columns) * cell.
+    """
+    full, mask = np.empty(shape, np.float32), np.empty(shape, np.bool_)
+    flags = good.view(np.uint8), mask.view(np.uint8)
+    in_strips(_spread, -(-shape[0] // cell), disparity, flags[0], cell, full, flags[1])
+    return full, mask
+
+
+@nb.njit(nogil=True, cache=True, fastmath=True)
+def _cut_row(row: Grid, keep: Grid, full: Grid) -> None:
+    for x in range(full.size):
+        full[x] = row[x] * keep[x]
+
+
+@nb.njit(nogil=True, cache=True)
+def _spread(
+    first: int,
+    last: int,
+    disparity: Grid,
+    good: NDArray[np.uint8],
+    cell: int,
+    full: NDArray[np.float32],
+    mask: NDArray[np.uint8],
+) -> None:
+    columns, width = disparity.shape[1], full.shape[1]
+    line, row = np.empty(columns + 2, np.float32), np.empty(columns * cell, np.float32)
+    keep, cut = np.empty(columns * cell, np.float32), np.empty(columns * cell, np.uint8)
+    for i in range(first, last):
+        for j in range(cell):
+            keep[j::cell] = good[i]
+            cut[j::cell] = good[i]
+        for y in range(i * cell, min((i + 1) * cell, full.shape[0])):
+            spread_row(y, disparity, np.float32(1.0), cell, line, row)
+            _cut_row(row, keep, full[y])
+            mask[y] = cut[:width]

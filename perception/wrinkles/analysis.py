@@ -1,0 +1,237 @@
+"""Range map to wrinkles and flattening target: the whole of perception's second half."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from unwrinkle.models import InputError
+from unwrinkle.perception.range_map import RangeMap
+from unwrinkle.perception.sensor import NoiseProfile, noise_profile
+from unwrinkle.perception.target import MODES, FlatteningTarget, NoTarget
+from unwrinkle.perception.wrinkles.ridges import contour_points, link, ridge_points
+from unwrinkle.perception.wrinkles.surface import Surface, fit_surface, spread
+from unwrinkle.perception.wrinkles.targeting import TableTop, flattening_target
+from unwrinkle.perception.wrinkles.wrinkle import Wrinkle, wrinkles_of
+from unwrinkle.perception.wrinkles.wrinkledness import Wrinkledness, wrinkledness
+
+#: An outline this near to the table's edge runs along it, metres: the rim that a view may lack.
+_AT_EDGE = 0.012
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """What was found on a range map.
+
+    Attributes:
+        range_map: what was analysed.
+        profile: the noise profile it was analysed with.
+        mode: one of MODES, the reading of Eq. 5.
+        surface: the garment's fitted surface, on a grid of its own.
+        ridge_points: mask of ridge points, on the surface's grid.
+        wrinkles: largest (by volume score) first.
+        target: what to do about the largest wrinkle that can be grasped, or why there is nothing.
+        target_index: which of `wrinkles` the target is for; None without a target.
+        table: the table's rectangle, which grasp points stay on.
+        section, pull: of targets, see `flattening_target`.
+    """
+
+    range_map: RangeMap
+    profile: NoiseProfile
+    mode: str
+    surface: Surface
+    ridge_points: NDArray[np.bool_]
+    wrinkles: tuple[Wrinkle, ...]
+    target: FlatteningTarget | NoTarget
+    target_index: int | None
+    table: TableTop
+    section: str = "centre"
+    pull: str = "wrinkle"
+
+    @property
+    def halting_measure(self) -> float:
+        """Largest pull distance (Eq. 5 in this mode) over the wrinkles, metres; 0 without any."""
+        return max((w.pull_distance(self.mode) for w in self.wrinkles), default=0.0)
+
+    @property
+    def worth_pulling(self) -> list[int]:
+        """Indices of the wrinkles at or above the profile's halting pull, largest first."""
+        halting = self.profile.halting_pull
+        return [i for i, w in enumerate(self.wrinkles) if w.pull_distance(self.mode) >= halting]
+
+    @property
+    def flat(self) -> bool:
+        """Whether every wrinkle is below the profile's halting pull: the garment is done."""
+        return self.halting_measure < self.profile.halting_pull
+
+    @property
+    def share_beyond_table(self) -> float:
+        """Share of the garment's area that lies beyond the table's edges."""
+        rows, columns = np.nonzero(self.range_map.garment)
+        points = self.range_map.origin + self.range_map.resolution * np.column_stack(
+            [columns, rows]
+        )
+        half = 0.5 * np.asarray(self.table.size)
+        beyond = np.any(np.abs(points - self.table.centre) > half, axis=1)
+        return float(beyond.mean()) if len(beyond) else 0.0
+
+    @property
+    def share_along_edge(self) -> float:
+        """Share of the garment's outline that runs along the table's edges: more may hang over them."""
+        mask = self.range_map.garment
+        inner = ndimage.binary_erosion(mask)
+        rows, columns = np.nonzero(mask & ~inner)
+        points = self.range_map.origin + self.range_map.resolution * np.column_stack(
+            [columns, rows]
+        )
+        half = 0.5 * np.asarray(self.table.size) - _AT_EDGE
+        along = np.any(np.abs(points - self.table.centre) > half, axis=1)
+        return float(along.mean()) if len(along) else 0.0
+
+    @cached_property
+    def classes(self) -> NDArray[np.uint8]:
+        """Shape classes on the range map's grid, uint8, 0 flat or outside."""
+        return spread(self.surface.classes, self.surface, self.range_map)
+
+    @cached_property
+    def ridges(self) -> NDArray[np.bool_]:
+        """Ridge points on the range map's grid."""
+        return spread(self.ridge_points, self.surface, self.range_map)
+
+    @cached_property
+    def contours(self) -> NDArray[np.bool_]:
+        """Boundary of convex and concave, on the range map's grid."""
+        return spread(contour_points(self.surface), self.surface, self.range_map)
+
+    @cached_property
+    def surface_height(self) -> NDArray[np.float32]:
+        """Height of the fitted surface on the range map's grid, metres above the table."""
+        return spread(self.surface.z, self.surface, self.range_map)
+
+    @cached_property
+    def wrinkledness(self) -> Wrinkledness:
+        """Entropy of normals, and the grasp point it proposes."""
+        return wrinkledness(self.surface, self.profile)
+
+    def target_for(self, index: int) -> FlatteningTarget | NoTarget:
+        """Target of the `index`-th wrinkle, largest first, whatever its size.
+
+        Raises:
+            InputError: there is no such wrinkle.
+        """
+        if not 0 <= index < len(self.wrinkles):
+            raise InputError(f"wrinkle {index}: there are {len(self.wrinkles)} wrinkles")
+        return flattening_target(
+            self.range_map,
+            self.surface,
+            self.wrinkles[index],
+            mode=self.mode,
+            section=self.section,
+            pull=self.pull,
+            table=self.table,
+        )
+
+    def targets(self) -> list[tuple[int, FlatteningTarget]]:
+        """All targets, (index, target), of wrinkles above the halting pull, largest first."""
+        found = []
+        for index in self.worth_pulling:
+            target = self.target_for(index)
+            if isinstance(target, FlatteningTarget):
+                found.append((index, target))
+        return found
+
+    def to_json(self, *, points: bool = False) -> dict[str, Any]:
+        """Return the result as plain data; the wrinkles' point lists only if asked for."""
+        target: dict[str, Any]
+        if isinstance(self.target, FlatteningTarget):
+            target = {**self.target.to_json(), "wrinkle": self.target_index}
+        else:
+            target = {"none": self.target.reason, "flat": self.target.flat}
+        return {
+            "format": "unwrinkle.analysis",
+            "version": 1,
+            "sensor": self.range_map.sensor,
+            "resolution": self.range_map.resolution,
+            "shape": list(self.range_map.shape),
+            "mode": self.mode,
+            "halting_pull": self.profile.halting_pull,
+            "halting_measure": self.halting_measure,
+            "flat": self.flat,
+            "wrinkles": [wrinkle.to_json(points=points) for wrinkle in self.wrinkles],
+            "target": target,
+        }
+
+
+def analyse(
+    range_map: RangeMap,
+    *,
+    mode: str = "foot",
+    profile: NoiseProfile | None = None,
+    table: TableTop | None = None,
+    patches: bool = False,
+    section: str = "centre",
+    pull: str = "wrinkle",
+) -> Analysis:
+    """Find the wrinkles on a range map and what to do about the largest.
+
+    Args:
+        range_map: height above the table, with the garment's mask.
+        mode: reading of Eq. 5: "paper" (between the contours), "foot" (foot to foot), or "between" (their mean).
+        profile: noise profile; None for the range map's sensor's own.
+        table: the table's rectangle; None for the working table.
+        patches: the paper's independent surface patches in place of one smooth surface.
+        section, pull: of targets, see `flattening_target`.
+
+    Raises:
+        InputError: unknown mode or sensor, no garment, nothing measured on it.
+    """
+    if mode not in MODES:
+        raise InputError(f"mode {mode!r}: must be one of {', '.join(MODES)}")
+    profile = profile or noise_profile(range_map.sensor)
+    table = table or TableTop()
+    surface = fit_surface(range_map, profile, patches=patches)
+    ridge = ridge_points(surface, profile)
+    wrinkles = [
+        wrinkle
+        for line in link(ridge, surface, profile)
+        for wrinkle in wrinkles_of(line, surface, profile, range_map.table_height)
+    ]
+    wrinkles.sort(key=lambda wrinkle: -wrinkle.volume_score)
+    nothing = NoTarget("no target was sought")
+    found = Analysis(
+        range_map=range_map,
+        profile=profile,
+        mode=mode,
+        surface=surface,
+        ridge_points=ridge,
+        wrinkles=tuple(wrinkles),
+        target=nothing,
+        target_index=None,
+        table=table,
+        section=section,
+        pull=pull,
+    )
+    target, index = _first_target(found)
+    return replace(found, target=target, target_index=index)
+
+
+def _first_target(analysis: Analysis) -> tuple[FlatteningTarget | NoTarget, int | None]:
+    """Target of the largest wrinkle above the halting pull that can be grasped."""
+    first: NoTarget | None = None
+    for index in analysis.worth_pulling:
+        target = analysis.target_for(index)
+        if isinstance(target, FlatteningTarget):
+            return target, index
+        first = first or target
+    if first is not None:
+        return first, None
+    reason = (
+        f"the garment is flat: {len(analysis.wrinkles)} wrinkles, none asks for a pull of "
+        f"{analysis.profile.halting_pull:.4f} m or more (largest {analysis.halting_measure:.4f} m)"
+    )
+    return NoTarget(reason, flat=True), None

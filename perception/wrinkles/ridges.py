@@ -1,0 +1,343 @@
+"""Ridge points, contours, and the linking of ridge points into one line per wrinkle.
+
+A ridge point is a positive extremum of -k_min (the convex curvature; z up) across the crest. Lines
+of ridge points are cut where three branches meet and at domes and ruts, and what was cut is joined
+again only if it runs on in the same direction: two crossing ridges stay two wrinkles.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
+
+from unwrinkle.perception.sensor import NoiseProfile
+from unwrinkle.perception.wrinkles.surface import (
+    CAP,
+    DOME,
+    FLAT,
+    RIDGE,
+    SADDLE_RIDGE,
+    Floats,
+    Mask,
+    Surface,
+    crest_direction,
+)
+
+#: A polyline on the surface's grid, (n, 2) float (column, row), in order along the ridge.
+Line = NDArray[np.float64]
+
+#: Length at the end of a piece that gives its tangent there, metres (and at least one knot spacing).
+TANGENT_LENGTH = 0.015
+
+#: Pieces shorter than this share of the profile's shortest wrinkle are noise.
+PIECE_SHARE = 0.12
+
+#: Ridge points nearer to the rim than this are left out (in knot spacings, and at least in metres):
+#: the fit is weak there, and cloth comes down to the table over some millimetres.
+RIM_SPANS = 0.75
+RIM_LEAST = 0.008
+
+#: A line that turns by more than this (cosine of 50 deg) within a gap's length is cut there.
+SHARP_BEND = 0.64
+
+_RING = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))
+
+
+def sample(image: Floats, points: Line) -> Floats:
+    """Bilinear samples of `image` at (..., 2) points (column, row); border values outside."""
+    flat = np.ascontiguousarray(points, dtype=np.float32).reshape(-1, 2)
+    if len(flat) == 0:
+        return np.zeros(points.shape[:-1], dtype=np.float32)
+    columns = 1024  # cv2.remap takes no map of 32768 rows or more
+    rows = -(-len(flat) // columns)
+    grid = np.zeros((rows * columns, 2), dtype=np.float32)
+    grid[: len(flat)] = flat
+    out = cv2.remap(
+        image,
+        grid.reshape(rows, columns, 2),
+        None,
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return np.asarray(out.reshape(-1)[: len(flat)].reshape(points.shape[:-1]))
+
+
+def ridge_points(surface: Surface, profile: NoiseProfile, *, domes: bool = False) -> Mask:
+    """Mark positive extrema of -k_min across the crest, stronger than the profile's gate.
+
+    Only in (majority-filtered) ridge and saddle-ridge cells, and off the rim, so that domes, ruts
+    and the step down to the table cut the lines. The strength is smoothed by a quarter of the knot
+    spacing first: second derivatives of a cubic spline have their extrema at knots otherwise.
+
+    Args:
+        surface: the fitted surface.
+        profile: the sensor's profile.
+        domes: whether domes do not cut the lines, but have ridge points of their own.
+    """
+    sigma = 0.25 * profile.knot_spacing / surface.resolution
+    strength = cv2.GaussianBlur(-surface.k_min, (0, 0), max(sigma, 0.5))
+    rim = max(RIM_SPANS * profile.knot_spacing, RIM_LEAST) / surface.resolution
+    framed = np.pad(surface.inside.astype(np.uint8), 1)  # where the map ends is a rim, too
+    depth = cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1]
+    candidate = (surface.classes == RIDGE) | (surface.classes == SADDLE_RIDGE)
+    if domes:
+        candidate |= surface.classes == DOME
+    candidate &= (strength > profile.ridge_curvature) & (depth > rim)
+    rows, columns = np.nonzero(candidate)
+    points = np.stack([columns, rows], axis=1).astype(float)
+    across = np.stack(
+        crest_direction(
+            surface.zxx[rows, columns], surface.zxy[rows, columns], surface.zyy[rows, columns]
+        ),
+        axis=1,
+    )
+    here = strength[rows, columns]
+    left, right = sample(strength, points - across), sample(strength, points + across)
+    best = (here >= left) & (here > right)
+    ridge = np.zeros(candidate.shape, dtype=bool)
+    ridge[rows[best], columns[best]] = True
+    return ridge
+
+
+def contour_points(surface: Surface) -> Mask:
+    """Mark the boundary of convex and concave: cells where the Laplacian changes sign."""
+    convex = (surface.zxx + surface.zyy) < 0.0
+    shaped = surface.classes != FLAT
+    contour = np.zeros(convex.shape, dtype=bool)
+    contour[:, 1:] |= (convex[:, 1:] != convex[:, :-1]) & (shaped[:, 1:] | shaped[:, :-1])
+    contour[1:, :] |= (convex[1:, :] != convex[:-1, :]) & (shaped[1:, :] | shaped[:-1, :])
+    return contour & surface.inside
+
+
+def link(ridge: Mask, surface: Surface, profile: NoiseProfile) -> list[Line]:
+    """Link ridge points into lines, one per wrinkle.
+
+    The points are thinned, cut at pixels with three branches, and traced into pieces. What runs
+    along neither ridge in the middle of a crossing is dropped: short pieces between two pairs of
+    other ends, and bends from one ridge into the other where another piece ends. Two ends are
+    joined (Eq. 1: the nearest in the same ridge region first) if they are at most `link_gap` apart,
+    both tangents (of the last 1-2 cm) and the gap run the same way within `linking_cosine`, and
+    the gap lies in one ridge region.
+
+    If the profile has stubs, short lines through domes are added where no other line is: a wide
+    filter makes a dome of a fold that is hardly longer than it is wide.
+
+    Returns:
+        Lines longer than the profile's shortest ridge, ordered points (column, row).
+    """
+    lines = _linked(ridge, surface, profile)
+    if profile.stub_length == 0.0:
+        return lines
+    own = profile.knot_spacing / surface.resolution
+    stubs = _linked(ridge_points(surface, profile, domes=True), surface, profile)
+    if lines:
+        tree = cKDTree(np.concatenate(lines))
+        stubs = [stub for stub in stubs if float(np.min(tree.query(stub)[0])) > own]
+    longest = profile.wrinkle_length / surface.resolution
+    return lines + [stub for stub in stubs if _extent(stub) < longest]
+
+
+def _linked(ridge: Mask, surface: Surface, profile: NoiseProfile) -> list[Line]:
+    shortest = PIECE_SHARE * profile.wrinkle_length / surface.resolution
+    pieces = [line for line in _pieces(_thin(ridge)) if _extent(line) >= shortest]
+    gap = profile.link_gap / surface.resolution
+    pieces = _without_bridges(pieces, gap)
+    ends = np.array([piece[side] for piece in pieces for side in (0, -1)]).reshape(-1, 2)
+    pieces = [
+        part
+        for piece in pieces
+        for part in _cut_at_kinks(piece, ends, gap, profile.linking_cosine)
+        if _extent(part) >= shortest
+    ]
+    lines = _chains(pieces, _joints(pieces, surface, profile))
+    least = profile.shortest_ridge / surface.resolution
+    return [line for line in lines if _extent(line) >= least]
+
+
+def _extent(line: Line) -> float:
+    return float(np.hypot(*(line[-1] - line[0])))
+
+
+def _thin(mask: Mask) -> Mask:
+    """Thin lines to one pixel (Zhang and Suen 1984), working on the marked pixels only."""
+    image = np.pad(mask, 1).astype(np.uint8)
+    while True:
+        removed = 0
+        for step in (0, 1):
+            rows, columns = np.nonzero(image)
+            ring = [image[rows + dr, columns + dc] for dr, dc in _RING]
+            count = np.sum(ring, axis=0)
+            turns = sum((a == 0) & (b == 1) for a, b in itertools.pairwise([*ring, ring[0]]))
+            north, east, south, west = ring[0], ring[2], ring[4], ring[6]
+            if step == 0:
+                open_side = (north * east * south == 0) & (east * south * west == 0)
+            else:
+                open_side = (north * east * west == 0) & (north * south * west == 0)
+            drop = (count >= 2) & (count <= 6) & (turns == 1) & open_side
+            image[rows[drop], columns[drop]] = 0
+            removed += int(np.count_nonzero(drop))
+        if removed == 0:
+            return image[1:-1, 1:-1].astype(bool)
+
+
+def _pieces(thin: Mask) -> list[Line]:
+    """Cut thinned lines at pixels with three branches and trace each piece in order."""
+    image = np.pad(thin, 1).astype(np.uint8)
+    rows, columns = np.nonzero(image)
+    ring = [image[rows + dr, columns + dc] for dr, dc in _RING]
+    turns = sum((a == 0) & (b == 1) for a, b in itertools.pairwise([*ring, ring[0]]))
+    branch = np.asarray(turns) >= 3
+    for dr, dc in ((0, 0), *_RING):
+        image[rows[branch] + dr, columns[branch] + dc] = 0
+    rows, columns = np.nonzero(image)
+    left = dict.fromkeys(zip(columns.tolist(), rows.tolist(), strict=True))
+    pieces = []
+    while left:
+        seed, _ = left.popitem()
+        ahead, behind = _walk(seed, left), _walk(seed, left)
+        line = [*behind[::-1], seed, *ahead]
+        pieces.append(np.array(line, dtype=float) - 1.0)
+    return pieces
+
+
+def _walk(start: tuple[int, int], left: dict[tuple[int, int], None]) -> list[tuple[int, int]]:
+    """Follow neighbours from `start`, taking them out of `left`; 4-neighbours first."""
+    path, (x, y) = [], start
+    while True:
+        for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)):
+            step = (x + dx, y + dy)
+            if step in left:
+                del left[step]
+                path.append(step)
+                x, y = step
+                break
+        else:
+            return path
+
+
+def _without_bridges(pieces: list[Line], gap: float) -> list[Line]:
+    """Drop pieces within a crossing: short, and two other pieces end near each of their ends."""
+    if len(pieces) < 5:
+        return pieces
+    ends = np.array([piece[side] for piece in pieces for side in (0, -1)])
+    near = cKDTree(ends).query_ball_point(ends, 0.5 * gap)
+
+    def branches(end: int) -> int:
+        return len({other // 2 for other in near[end]} - {end // 2})
+
+    return [
+        piece
+        for i, piece in enumerate(pieces)
+        if _extent(piece) > 2.0 * gap or min(branches(2 * i), branches(2 * i + 1)) < 2
+    ]
+
+
+def _cut_at_kinks(piece: Line, ends: Line, gap: float, least: float) -> list[Line]:
+    """Cut a piece where it bends from one ridge of a crossing into the other, and lose the bend.
+
+    That is where its directions over a gap's length before and after differ by more than the cosine
+    `least` allows, and another piece ends close by. A bend alone is a curved wrinkle, unless it is
+    sharp: then two ridges meet at a corner.
+    """
+    span = round(0.8 * gap)
+    if len(piece) < 3 * span:
+        return [piece]
+    back = piece[span:-span] - piece[: -2 * span]
+    ahead = piece[2 * span :] - piece[span:-span]
+    cosine = np.sum(back * ahead, axis=1) / (np.hypot(*back.T) * np.hypot(*ahead.T))
+    kink = span + int(np.argmin(cosine))
+    others = ends[np.min(cdist(ends, piece[[0, -1]]), axis=1) > 0.0]
+    junction = bool(np.any(cdist(others, piece[[kink]]) <= 0.5 * gap))
+    if float(cosine.min()) >= (least if junction else SHARP_BEND):
+        return [piece]
+    parts = piece[: kink - span // 3], piece[kink + span // 3 :]
+    return [part for half in parts for part in _cut_at_kinks(half, ends, gap, least)]
+
+
+def _outward_tangent(line: Line, length: float) -> NDArray[np.float64]:
+    """Direction in which `line` leaves its first point, from the first `length` cells of it."""
+    near = line[np.hypot(*(line - line[0]).T) <= length]
+    if len(near) < 3:
+        near = line[:3]
+    centred = near - near.mean(axis=0)
+    direction = np.linalg.svd(centred, full_matrices=False)[2][0]
+    return np.asarray(direction if direction @ (near[0] - near[-1]) > 0.0 else -direction)
+
+
+def _joints(
+    pieces: list[Line], surface: Surface, profile: NoiseProfile
+) -> dict[tuple[int, int], tuple[int, int]]:
+    """Which end (piece, 0 or -1) is joined to which, in both directions."""
+    ends = [(i, side) for i in range(len(pieces)) for side in (0, -1)]
+    if len(pieces) < 2:
+        return {}
+    length = max(TANGENT_LENGTH, profile.knot_spacing) / surface.resolution
+    points = np.array([pieces[i][side] for i, side in ends])
+    tangents = np.array(
+        [_outward_tangent(pieces[i] if s == 0 else pieces[i][::-1], length) for i, s in ends]
+    )
+    gap = profile.link_gap / surface.resolution
+    pairs = cKDTree(points).query_pairs(gap, output_type="ndarray")
+    pairs = pairs[pairs[:, 0] // 2 != pairs[:, 1] // 2] if len(pairs) else pairs
+    if not len(pairs):
+        return {}
+    a, b = pairs.T
+    between = points[b] - points[a]
+    distance = np.hypot(*between.T)
+    # The gap's own direction means little when it is a few pixels long: allow two pixels aside.
+    least = profile.linking_cosine
+    slack = 2.0 + distance * np.sqrt(1.0 - least**2) / least
+    aside = np.maximum(_offset(tangents[a], between), _offset(tangents[b], between))
+    cosine = -np.sum(tangents[a] * tangents[b], axis=1)
+    forward = np.minimum(_along(tangents[a], between), _along(tangents[b], -between))
+    good = (cosine >= least) & (aside <= slack) & (forward >= -2.0)
+    good &= _same_region(points[a], points[b], surface)
+    cost = distance / gap + (1.0 - cosine) / max(1.0 - least, 1e-9)
+    joints: dict[tuple[int, int], tuple[int, int]] = {}
+    for k in sorted(np.flatnonzero(good).tolist(), key=lambda k: float(cost[k])):
+        one, other = ends[a[k]], ends[b[k]]
+        if one not in joints and other not in joints:
+            joints[one], joints[other] = other, one
+    return joints
+
+
+def _along(direction: Line, vector: Line) -> NDArray[np.float64]:
+    return np.asarray(np.sum(direction * vector, axis=1))
+
+
+def _offset(direction: Line, vector: Line) -> NDArray[np.float64]:
+    return np.abs(direction[:, 0] * vector[:, 1] - direction[:, 1] * vector[:, 0])
+
+
+def _same_region(starts: Line, ends: Line, surface: Surface, share: float = 0.75) -> Mask:
+    """Whether the straight gap between two ends stays (for most of it) in the ridge region."""
+    region = np.isin(surface.classes, (SADDLE_RIDGE, RIDGE, DOME, CAP)).astype(np.float32)
+    steps = np.linspace(0.0, 1.0, 16)[None, :, None]
+    path = starts[:, None, :] * (1.0 - steps) + ends[:, None, :] * steps
+    return np.asarray(np.mean(sample(region, path), axis=1) >= share)
+
+
+def _chains(pieces: list[Line], joints: dict[tuple[int, int], tuple[int, int]]) -> list[Line]:
+    """Concatenate joined pieces in order; every end has at most one joint."""
+    done: set[int] = set()
+    free_first = sorted(range(len(pieces)), key=lambda i: ((i, 0) in joints) + ((i, -1) in joints))
+    lines = []
+    for first in free_first:
+        if first in done:
+            continue
+        piece, entry = first, 0 if (first, 0) not in joints else -1
+        parts = []
+        while piece not in done:
+            done.add(piece)
+            parts.append(pieces[piece] if entry == 0 else pieces[piece][::-1])
+            out = (piece, -1 if entry == 0 else 0)
+            if out not in joints:
+                break
+            piece, entry = joints[out]
+        lines.append(np.concatenate(parts))
+    return lines

@@ -1,0 +1,354 @@
+"""From a wrinkle and the garment's contour to the four parameters of both hands.
+
+The cloth is gripped where the section across the wrinkle, through its centre, leaves the garment on
+either side, and pulled along that section, away from the wrinkle. Through the highest part of the
+wrinkle instead, and by the slack of all that the section crosses, are options.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from unwrinkle.models.errors import InputError
+from unwrinkle.perception.range_map import RangeMap
+from unwrinkle.perception.target import (
+    PULLS,
+    SECTIONS,
+    STRETCH_LIMIT,
+    STRETCH_MARGIN,
+    FlatteningTarget,
+    HandTarget,
+    NoTarget,
+)
+from unwrinkle.perception.wrinkles.ridges import sample
+from unwrinkle.perception.wrinkles.surface import Surface
+from unwrinkle.perception.wrinkles.wrinkle import PULL_COEFFICIENT, Wrinkle
+
+Vectors = NDArray[np.float64]
+
+#: Spacing of the contour's points, and the sigma of its smoothing (a window of 3-5 cm), metres.
+CONTOUR_SPACING = 0.002
+CONTOUR_SIGMA = 0.012
+
+#: Notches and holes of the garment's mask narrower than this are closed, metres.
+CLOSED_GAP = 0.010
+
+#: The gripper takes the cloth this far inside the contour, along the section, metres.
+GRASP_INSET = 0.005
+
+#: Angles between section and contour: sections that meet it at the first or more are preferred,
+#: and one that meets it at less than the second runs along the rim and cannot be pulled by it.
+GOOD_CROSSING_ANGLE = math.radians(50.0)
+LEAST_CROSSING_ANGLE = math.radians(25.0)
+
+#: Length outside the contour that must have been seen (to at least LEAST_SEEN) for it to be one.
+OUTSIDE_PROBE = 0.03
+LEAST_SEEN = 0.2
+
+#: Sections tried where the one through the centre fails, as shares of the wrinkle's length.
+SECTION_SHIFTS = (0.0, -0.1, 0.1, -0.2, 0.2, -0.3, 0.3, -0.4, 0.4)
+#: Sections keep away from the wrinkle's ends by this share of its length.
+END_SHARE = 0.1
+#: Sigma of the smoothing of a crest before its highest part is taken, metres.
+CREST_SIGMA = 0.010
+
+
+@dataclass(frozen=True)
+class TableTop:
+    """The table's rectangle in the world frame, metres.
+
+    Attributes:
+        centre: world x, y of its centre.
+        size: extent along world x and y.
+        margin: grasp points stay this far inside its edges.
+    """
+
+    centre: tuple[float, float] = (0.0, -1.2)
+    size: tuple[float, float] = (0.8, 0.8)
+    margin: float = 0.0
+
+    def overhang(self, point: Vectors) -> float:
+        """How far (x, y) lies outside the usable rectangle, metres; 0 if inside."""
+        half = 0.5 * np.asarray(self.size) - self.margin
+        beyond = np.abs(np.asarray(point) - np.asarray(self.centre)) - half
+        return float(np.hypot(*np.maximum(beyond, 0.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class GarmentContour:
+    """The garment's smoothed outer contour. World frame, metres.
+
+    Attributes:
+        points: (n, 2) closed, anti-clockwise seen from above.
+        normals: (n, 2) unit, into the garment.
+    """
+
+    points: Vectors
+    normals: Vectors
+
+    def contains(self, point: Vectors) -> bool:
+        """Whether (x, y) lies inside."""
+        polygon = self.points.astype(np.float32).reshape(-1, 1, 2)
+        return cv2.pointPolygonTest(polygon, (float(point[0]), float(point[1])), False) > 0
+
+    def leave(self, start: Vectors, direction: Vectors) -> tuple[float, Vectors] | None:
+        """First crossing of the ray: its distance and the inward normal; None if there is none."""
+        along = (self.points - start) @ direction
+        aside = (self.points - start) @ np.array([-direction[1], direction[0]])
+        after = np.roll(np.arange(len(along)), -1)
+        crossing = (aside > 0.0) != (aside[after] > 0.0)
+        share = aside / np.where(crossing, aside - aside[after], 1.0)
+        distance = along + share * (along[after] - along)
+        hits = np.flatnonzero(crossing & (distance > 0.0))
+        if len(hits) == 0:
+            return None
+        k = hits[np.argmin(distance[hits])]
+        normal = (1.0 - share[k]) * self.normals[k] + share[k] * self.normals[after[k]]
+        return float(distance[k]), normal / np.hypot(*normal)
+
+
+def garment_contour(surface: Surface, near: Vectors | None = None) -> GarmentContour | None:
+    """Return the smoothed outline of the garment, of the piece around `near` if given.
+
+    A sensor's outline is ragged by a few cells, and its raw normals point anywhere. It is resampled
+    evenly and smoothed over CONTOUR_SIGMA, which rounds corners off by a few millimetres.
+
+    Args:
+        surface: the garment's surface.
+        near: world x, y; None for the largest piece.
+
+    Returns:
+        None when there is no garment there.
+    """
+    cells = max(1, round(CLOSED_GAP / surface.resolution))
+    pad = cells + 1
+    mask = np.pad(surface.garment.astype(np.uint8), pad)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (cells | 1, cells | 1))
+    mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, disc)
+    outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    outlines = [outline for outline in outlines if len(outline) > 8]
+    if near is not None:
+        column, row = (surface.cells(near) + pad).tolist()
+        outlines = [o for o in outlines if cv2.pointPolygonTest(o, (column, row), False) >= 0]
+    if not outlines:
+        return None
+    outline = max(outlines, key=cv2.contourArea)[:, 0, :].astype(float)
+    points = surface.world(outline - pad)
+    closed = np.vstack([points, points[:1]])
+    run = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
+    even = np.arange(0.0, run[-1], CONTOUR_SPACING)
+    points = np.column_stack([np.interp(even, run, closed[:, i]) for i in (0, 1)])
+    points = gaussian_filter1d(points, CONTOUR_SIGMA / CONTOUR_SPACING, axis=0, mode="wrap")
+    x, y = points.T
+    if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0.0:
+        points = points[::-1]
+    tangents = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
+    normals = np.column_stack([-tangents[:, 1], tangents[:, 0]])
+    normals /= np.maximum(np.hypot(*normals.T), 1e-12)[:, None]
+    return GarmentContour(points, normals)
+
+
+def flattening_target(
+    range_map: RangeMap,
+    surface: Surface,
+    wrinkle: Wrinkle,
+    *,
+    mode: str = "foot",
+    section: str = "centre",
+    pull: str = "wrinkle",
+    table: TableTop | None = None,
+) -> FlatteningTarget | NoTarget:
+    """Return what both hands do about `wrinkle`, or why nothing can be done.
+
+    Tried first is the section through the wrinkle's centre (or its highest part), then sections
+    shifted along it by up to 40 % of its length to each side; then once more, with less demand on
+    the angle between section and contour. Each hand pulls the wrinkle's Eq. 5 distance of `mode`
+    (or Eq. 5 of the whole section), less where the grippers would otherwise end more than
+    STRETCH_LIMIT x geodesic distance apart.
+
+    Args:
+        range_map: what the surface was fitted to; tells where the sensor saw anything.
+        surface: the garment's surface.
+        wrinkle: which wrinkle.
+        mode: one of MODES.
+        section: one of SECTIONS: where along the wrinkle.
+        pull: one of PULLS: the slack of the wrinkle, by Eq. 5 in `mode`, or of all that the section
+            crosses, from grasp point to grasp point.
+        table: the table's rectangle; None for the working table.
+
+    Raises:
+        InputError: unknown mode, section or pull.
+    """
+    table = table or TableTop()
+    wrinkle.pull_distance(mode)  # refuses an unknown mode before any work
+    if pull not in PULLS:
+        raise InputError(f"pull {pull!r}: must be one of {', '.join(PULLS)}")
+    middle = section_place(wrinkle, section)
+    contour = garment_contour(surface, wrinkle.centre)
+    if contour is None:
+        x, y = wrinkle.centre
+        return NoTarget(f"the wrinkle's centre ({x:.3f}, {y:.3f}) lies outside the garment's mask")
+    first: NoTarget | None = None
+    shares = [middle + shift for shift in SECTION_SHIFTS]
+    shares = [share for share in shares if abs(share - 0.5) < 0.5 - END_SHARE + 1e-6]
+    for least in (GOOD_CROSSING_ANGLE, LEAST_CROSSING_ANGLE):
+        for share in shares:
+            start = section_start(wrinkle, share)
+            target = _section_target(
+                range_map, surface, wrinkle, contour, start, mode, pull, table, least
+            )
+            if isinstance(target, FlatteningTarget):
+                return target
+            first = first or target
+    assert first is not None
+    return first
+
+
+def section_place(wrinkle: Wrinkle, section: str) -> float:
+    """Where along a wrinkle its section goes, as a share of its length.
+
+    Args:
+        wrinkle: which.
+        section: "centre", or "highest" for the highest part of the crest, smoothed over
+            CREST_SIGMA, but not nearer to an end than END_SHARE.
+
+    Raises:
+        InputError: an unknown section.
+    """
+    if section not in SECTIONS:
+        raise InputError(f"section {section!r}: must be one of {', '.join(SECTIONS)}")
+    if section == "centre":
+        return 0.5
+    run = _run(wrinkle)
+    spacing = float(np.median(np.diff(run)))
+    smooth = gaussian_filter1d(
+        wrinkle.curve[:, 2], CREST_SIGMA / max(spacing, 1e-6), mode="nearest"
+    )
+    inner = np.abs(run / run[-1] - 0.5) <= 0.5 - END_SHARE
+    return float(run[np.argmax(np.where(inner, smooth, -np.inf))] / run[-1])
+
+
+def section_start(wrinkle: Wrinkle, share: float) -> Vectors:
+    """Point (3,) of a wrinkle where a section at a share of its length crosses it; at 0.5 its centre."""
+    run = _run(wrinkle)
+    start = np.array([np.interp(share * run[-1], run, wrinkle.curve[:, i]) for i in range(3)])
+    if share == 0.5:
+        start[:2] = wrinkle.centre
+    return start
+
+
+def _run(wrinkle: Wrinkle) -> Vectors:
+    """Horizontal distance (n,) of the points of a wrinkle's curve from its first, along it."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(wrinkle.curve[:, :2], axis=0).T))])
+
+
+def _section_target(
+    range_map: RangeMap,
+    surface: Surface,
+    wrinkle: Wrinkle,
+    contour: GarmentContour,
+    start: Vectors,
+    mode: str,
+    pull: str,
+    table: TableTop,
+    least_angle: float,
+) -> FlatteningTarget | NoTarget:
+    ends: list[tuple[Vectors, Vectors, Vectors]] = []
+    for sign in (-1.0, 1.0):
+        outward = sign * wrinkle.normal
+        crossing = contour.leave(start[:2], outward)
+        if crossing is None or not contour.contains(start[:2]):
+            return NoTarget("the section across the wrinkle starts outside the garment's contour")
+        distance, inward = crossing
+        edge = start[:2] + distance * outward
+        grasp = start[:2] + max(distance - GRASP_INSET, 0.0) * outward
+        problem = _problem(range_map, contour, edge, grasp, inward, outward, table, least_angle)
+        if problem is not None:
+            return NoTarget(problem)
+        ends.append((grasp, inward, outward))
+    geodesic = section_length(surface, ends[0][0], ends[1][0])
+    # Both hands move straight apart along the section: apart + 2 d <= limit x geodesic - margin.
+    apart = float(np.hypot(*(ends[1][0] - ends[0][0])))
+    most = max(0.5 * (STRETCH_LIMIT * geodesic - apart - STRETCH_MARGIN), 0.0)
+    slack = PULL_COEFFICIENT * max(geodesic - apart, 0.0)
+    asked = slack if pull == "section" else wrinkle.pull_distance(mode)
+    hands = [
+        HandTarget(
+            p_WG=np.array([*grasp, range_map.table_height]),
+            grasp_direction=inward,
+            pull_direction=outward,
+            pull_distance=min(asked, most),
+        )
+        for grasp, inward, outward in ends
+    ]
+    return FlatteningTarget(
+        hands=(hands[0], hands[1]),
+        p_WC=start,
+        wrinkle_direction=wrinkle.direction,
+        geodesic_distance=geodesic,
+        mode=mode,
+    )
+
+
+def section_length(surface: Surface, start: Vectors, end: Vectors) -> float:
+    """Arc length of the surface's section between two world points (x, y), metres.
+
+    An upper bound of the geodesic distance, equal to it on a cylinder square to the section.
+    """
+    span = float(np.hypot(*(end - start)))
+    count = max(2, round(2.0 * span / surface.resolution) + 1)
+    steps = np.linspace(0.0, 1.0, count)[:, None]
+    points = surface.cells(start * (1.0 - steps) + end * steps)
+    rise = np.diff(sample(surface.z, points).astype(float))
+    return float(np.sum(np.hypot(rise, span / (count - 1))))
+
+
+def _problem(
+    range_map: RangeMap,
+    contour: GarmentContour,
+    edge: Vectors,
+    grasp: Vectors,
+    inward: Vectors,
+    outward: Vectors,
+    table: TableTop,
+    least_angle: float,
+) -> str | None:
+    """Why this grasp point will not do; None if it will."""
+    place = f"at ({edge[0]:.3f}, {edge[1]:.3f})"
+    overhang = table.overhang(grasp)
+    if overhang > 0.0:
+        return (
+            f"the garment reaches over the table's edge {place} by {overhang:.3f} m; "
+            "move or turn the garment"
+        )
+    seen = _seen_outside(range_map, edge, outward)
+    if seen < LEAST_SEEN:
+        return (
+            f"what lies outside the garment's contour {place} was not seen (the image's border, or the "
+            f"shadow of a fold): only {seen:.0%} of {OUTSIDE_PROBE} m; move the camera or the garment"
+        )
+    angle = math.asin(min(max(float(-inward @ outward), -1.0), 1.0))
+    if angle < least_angle:
+        return (
+            f"the pull would run along the garment's edge {place}: {math.degrees(angle):.0f} deg "
+            f"to it, at least {math.degrees(least_angle):.0f} deg are needed"
+        )
+    if contour.contains(grasp) and np.hypot(*(edge - grasp)) > 0.5 * GRASP_INSET:
+        return None
+    return f"the wrinkle lies at the garment's rim {place}: there is no cloth to grasp beside it"
+
+
+def _seen_outside(range_map: RangeMap, edge: Vectors, outward: Vectors) -> float:
+    """Share of the OUTSIDE_PROBE just outside the contour where the sensor measured."""
+    steps = np.linspace(0.2, 1.0, 16)[:, None] * OUTSIDE_PROBE
+    cells = np.rint(range_map.cell_from_world(edge + steps * outward)).astype(int)
+    ny, nx = range_map.shape
+    within = (cells[:, 0] >= 0) & (cells[:, 0] < nx) & (cells[:, 1] >= 0) & (cells[:, 1] < ny)
+    column, row = cells[within].T
+    return float(np.count_nonzero(range_map.valid[row, column])) / len(steps)

@@ -1,0 +1,1 @@
+"""Motions other than the two-arm pull."""

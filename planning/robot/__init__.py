@@ -1,0 +1,1 @@
+"""The robot for the planner: kinematics and collision checking."""

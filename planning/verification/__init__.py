@@ -1,0 +1,1 @@
+"""Independent verification of a plan against the model of the cell."""

@@ -1,0 +1,112 @@
+"""Joint limits on the motion as the controller interpolates it: every extreme in closed form."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.models.limits import Limits
+from unwrinkle.planning.verification.motion import Leg
+from unwrinkle.planning.verification.verdict import Findings
+
+Array = NDArray[np.float64]
+
+#: Relative, for rounding.
+TOLERANCE = 1e-9
+#: A motion whose jerk keeps within J, sampled exactly, gives cubic pieces whose acceleration at an end of an interval of
+#: length h is off by e = -1/h * integral of j(s) (3 s^2 / h - 2 s) ds over the interval, hence |e| <= 8/27 J h.
+JUMP_FACTOR = 8.0 / 27.0
+
+_UNITS = {"velocity": "rad/s", "acceleration": "rad/s²", "jerk": "rad/s³"}
+
+
+def check_limits(legs: Sequence[Leg], limits: Limits, axes: Sequence[str], found: Findings) -> None:
+    """Check position, velocity, acceleration, jerk and jumps of acceleration of every axis in every interval.
+
+    Args:
+        legs: the motion; the gripper strokes among them are passed over.
+        limits: at the plan's speed.
+        axes: names of the thirteen axes.
+        found: takes the checks `position`, `velocity`, `acceleration`, `jerk`, `acceleration_jump`.
+    """
+    moving = [leg for leg in legs if leg.name != "grippers"]
+    _check_positions(moving, limits, axes, found)
+    for name in ("velocity", "acceleration", "jerk"):
+        values = [np.abs(_derivative(leg, name))[:, :13] for leg in moving]
+        limit = getattr(limits, name)
+        _check_ratios(name, moving, values, [limit] * len(moving), axes, found)
+    jumps, allowed = zip(*(_jumps(leg, limits.jerk) for leg in moving), strict=True)
+    _check_ratios("acceleration_jump", moving, jumps, allowed, axes, found)
+
+
+def _derivative(leg: Leg, name: str) -> Array:
+    if name == "velocity":
+        return leg.greatest_velocity
+    return leg.greatest_acceleration if name == "acceleration" else leg.jerk
+
+
+def _jumps(leg: Leg, jerk: Array) -> tuple[Array, Array]:
+    """Jumps of acceleration at every sample, (n, 13), rest before and after included, and what may be."""
+    begin, end = (a[:, :13] for a in leg.acceleration)
+    rest = np.zeros((1, 13))
+    steps = np.vstack([[[0.0]], leg.step, [[0.0]]])
+    jumps = np.abs(np.vstack([begin, rest]) - np.vstack([rest, end]))
+    return jumps, JUMP_FACTOR * jerk * (steps[:-1] + steps[1:])
+
+
+def _check_positions(
+    legs: Sequence[Leg], limits: Limits, axes: Sequence[str], found: Findings
+) -> None:
+    worst = (np.inf, 0.0, 0.0, "", 0.0)
+    for axis, name in enumerate(axes):
+        lower, upper = limits.lower[axis], limits.upper[axis]
+        nearest = (np.inf, 0.0, 0.0, name, 0.0)
+        for leg in legs:
+            low, high = (p[:, axis] for p in leg.position_extremes())
+            i, j = int(np.argmin(low)), int(np.argmax(high))
+            nearest = min(
+                nearest,
+                (float(low[i] - lower), float(low[i]), float(lower), name, float(leg.times[i])),
+                (float(upper - high[j]), float(high[j]), float(upper), name, float(leg.times[j])),
+            )
+        margin, value, limit, _, time = nearest
+        if not margin >= -TOLERANCE:
+            found.fail(
+                "position",
+                f"{name} reaches {value:.4f} rad at {time:.3f} s, beyond its limit {limit:.4f} rad by "
+                f"{-margin:.2g} rad",
+                time,
+            )
+        worst = min(worst, nearest)
+    margin, value, limit, name, time = worst
+    found.check("position", value, limit, margin, "rad", name, time)
+
+
+def _check_ratios(
+    name: str,
+    legs: Sequence[Leg],
+    values: Sequence[Array],
+    limits: Sequence[Array],
+    axes: Sequence[str],
+    found: Findings,
+) -> None:
+    worst = (-1.0, "", 0.0)
+    for axis, label in enumerate(axes):
+        ratio, value, limit, time = -1.0, 0.0, 0.0, 0.0
+        for leg, v, bound in zip(legs, values, limits, strict=True):
+            allowed = np.broadcast_to(bound, v.shape)[:, axis]
+            i = int(np.argmax(v[:, axis] / allowed))  # the first NaN, where there is one
+            if not v[i, axis] / allowed[i] <= ratio:
+                ratio, value = float(v[i, axis] / allowed[i]), float(v[i, axis])
+                limit, time = float(allowed[i]), float(leg.times[i])
+        if not ratio <= 1.0 + TOLERANCE:
+            unit = _UNITS.get(name, "rad/s²")
+            found.fail(
+                name,
+                f"{name.replace('_', ' ')} of {label} is {value:.4g} {unit} at {time:.3f} s, "
+                f"{ratio:.4f} times its limit {limit:.4g} {unit}",
+                time,
+            )
+        worst = max(worst, (ratio, label, time))
+    ratio, label, time = worst
+    found.check(name, ratio, 1.0, 1.0 - ratio, "", label, time)

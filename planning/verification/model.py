@@ -1,0 +1,290 @@
+"""The cell as a verification sees it: Drake's plant, what moves what, and which bodies must keep away from which.
+
+Nothing here is shared with the planner but the model files.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import (
+    CollisionFilterDeclaration,
+    GeometryId,
+    GeometrySet,
+    QueryObject,
+)
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, Frame, JointIndex, PrismaticJoint, RigidBody
+
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.robot import Cell, build_robot_diagram, position_indices, scoped
+from unwrinkle.planning.verification.motion import JOINTS
+from unwrinkle.planning.verification.shapes import box_corners, outlines
+
+Array = NDArray[np.float64]
+
+ARMS = (("r1", "r1_gripper"), ("r2", "r2_gripper"))
+FINGERS = ("lower_finger", "upper_finger")
+ARM_AXES = ((0, 1, 2, 3, 4, 5, 6), (0, 7, 8, 9, 10, 11, 12))
+
+
+@dataclass(frozen=True)
+class BodyPair:
+    """Two bodies that the motion moves against each other.
+
+    Attributes:
+        names: scoped names.
+        bodies: positions in `CellModel.moving` and the like; -1 for a body that nothing moves.
+        shared: number of joints that carry both.
+        kind: see `PairClearance.kind`.
+        required: padding, m; for finger-table outside the contact window.
+        arm: which arm's fingers, where the kind is finger-table; else -1.
+    """
+
+    names: tuple[str, str]
+    bodies: tuple[int, int]
+    shared: int
+    kind: str
+    required: float
+    arm: int = -1
+
+
+class CellModel:
+    """Plant, pairs and kinematics of a cell. Building it takes some tenths of a second; not thread-safe.
+
+    Attributes:
+        pairs: every pair of bodies that must keep away from each other.
+        shapes: outlines of all collision shapes.
+        first: (G,) first shape of each pair of shapes that must keep away from each other.
+        second: (G,) second shape.
+        pair_of: (G,) their bodies' index in `pairs`.
+        reach: (G,) sum of the radii of spheres around both, m.
+        table_height: of the working table, m.
+        chains: per moving body the joints (columns of a leg) that move it, from the world outwards.
+        corners: per moving body (8, 3) corners of a box around its shapes, in the child frame of its last joint.
+    """
+
+    def __init__(self, cell: Cell) -> None:
+        """Build the plant and find the pairs.
+
+        Raises:
+            InputError: a model file does not fit, or a shape on a moving body has no bounding box.
+        """
+        self.cell = cell
+        self._diagram = build_robot_diagram(cell)
+        self._plant: MultibodyPlant = self._diagram.plant()
+        self._root = self._diagram.CreateDefaultContext()
+        self._context = self._plant.GetMyMutableContextFromRoot(self._root)
+        indices = position_indices(cell, self._plant)
+        self._columns = np.concatenate([indices.axes, indices.grippers])
+        self._positions = self._plant.GetPositions(self._context)
+        self._joints = [
+            self._plant.GetJointByName(element, self._plant.GetModelInstanceByName(instance))
+            for instance, element in map(scoped, [*cell.robot.axes, *cell.robot.grippers])
+        ]
+        self.prismatic = [isinstance(joint, PrismaticJoint) for joint in self._joints]
+        self._tips = [
+            self._plant.GetFrameByName("tcp", self._plant.GetModelInstanceByName(gripper))
+            for _, gripper in ARMS
+        ]
+        self._table = self._table_frame()
+        self._X_WS = self._table.CalcPoseInWorld(self._context).GetAsMatrix4()
+        self.table_height = float(self._X_WS[2, 3])
+        self._find_bodies()
+        self.pairs: list[BodyPair] = []
+        self._find_pairs()
+
+    def set_positions(self, positions: Array) -> QueryObject:
+        """Move the cell to (15,) positions of axes and blades; returns the geometry queries there."""
+        self._positions[self._columns] = positions
+        self._plant.SetPositions(self._context, self._positions)
+        return self._plant.get_geometry_query_input_port().Eval(self._context)
+
+    def frames(self, positions: Array) -> tuple[Array, Array]:
+        """Poses in the world at each of (n, 15) positions.
+
+        Returns:
+            (n, 15, 4, 4) of the joints' child frames (joint axes go through their origins), and (n, 2, 4, 4) of
+            the tool centre points' frames.
+        """
+        children = [joint.frame_on_child() for joint in self._joints]
+        X_WJ = np.empty((len(positions), JOINTS, 4, 4))
+        X_WT = np.empty((len(positions), 2, 4, 4))
+        for i, row in enumerate(positions):
+            self._positions[self._columns] = row
+            self._plant.SetPositions(self._context, self._positions)
+            for j, frame in enumerate(children):
+                X_WJ[i, j] = frame.CalcPoseInWorld(self._context).GetAsMatrix4()
+            for j, frame in enumerate(self._tips):
+                X_WT[i, j] = frame.CalcPoseInWorld(self._context).GetAsMatrix4()
+        return X_WJ, X_WT
+
+    def beyond_table(self, places: Array) -> Array:
+        """How far places (..., 2) in the world lie beyond the nearest edge line of the working table, m; negative on it."""
+        local = (np.asarray(places) - self._X_WS[:2, 3]) @ self._X_WS[:2, :2]
+        beyond = np.abs(local) - 0.5 * np.asarray(self.cell.scenario.table.size)
+        return np.asarray(beyond.max(axis=-1))
+
+    def axis_directions(self) -> Array:
+        """Directions of the joints' axes in their child frames, (15, 3)."""
+        return np.array(
+            [
+                joint.translation_axis() if prismatic else joint.revolute_axis()
+                for joint, prismatic in zip(self._joints, self.prismatic, strict=True)
+            ]
+        )
+
+    def outline_poses(self, X_WJ: Array) -> tuple[Array, Array]:
+        """Axes (n, N, 3, 3) and centres (n, N, 3) of the shapes' outlines in the world.
+
+        Args:
+            X_WJ: (n, 15, 4, 4) as from `frames`.
+        """
+        # Joint -1, of shapes that nothing moves, is the world.
+        fixed = np.broadcast_to(np.eye(4), (len(X_WJ), 1, 4, 4))
+        X_WS = np.concatenate([X_WJ, fixed], axis=1)[:, self._shape_joint] @ self._X_JS
+        return X_WS[..., :3, :3], X_WS[..., :3, 3]
+
+    def _table_frame(self) -> Frame:
+        name = self.cell.scenario.table.frame
+        instance, element = scoped(name)
+        try:
+            return self._plant.GetFrameByName(element, self._plant.GetModelInstanceByName(instance))
+        except RuntimeError as error:
+            raise InputError(
+                f"the cell's models have no working table '{name}': {error}"
+            ) from error
+
+    def _bodies(self) -> Iterator[RigidBody]:
+        for i in range(self._plant.num_bodies()):
+            yield self._plant.get_body(BodyIndex(i))
+
+    def _shapes(self, body: RigidBody) -> list[GeometryId]:
+        return list(self._plant.GetCollisionGeometriesForBody(body))
+
+    def _find_bodies(self) -> None:
+        """Follow the joints outwards from the world: which of ours move which body."""
+        plant = self._plant
+        inboard = {}
+        for index in plant.GetJointIndices():
+            joint = plant.get_joint(JointIndex(index))
+            inboard[joint.child_body().index()] = joint
+        column = {joint.index(): i for i, joint in enumerate(self._joints)}
+        self._neighbours: set[frozenset[str]] = set()
+        self._chain: dict[str, tuple[int, ...]] = {}
+        for body in self._bodies():
+            chain: list[int] = []
+            joint = inboard.get(body.index())
+            while joint is not None:
+                if joint.index() in column:
+                    chain.append(column[joint.index()])
+                joint = inboard.get(joint.parent_body().index())
+            self._chain[_name(body)] = tuple(reversed(chain))
+        for joint in self._joints:
+            self._neighbours.add(frozenset((_name(joint.parent_body()), _name(joint.child_body()))))
+        solid = [body for body in self._bodies() if self._shapes(body)]
+        ids = [i for body in solid for i in self._shapes(body)]
+        inspector = self._diagram.scene_graph().model_inspector()
+        self.shapes = outlines(inspector, ids, "the cell's models")
+        carriers, X_JS = [], []
+        for body in solid:
+            carrier = (-1, *self._chain[_name(body)])[-1]
+            X_JB = body.EvalPoseInWorld(self._context)
+            if carrier >= 0:
+                last = self._joints[carrier].frame_on_child()
+                X_JB = last.CalcPoseInWorld(self._context).inverse() @ X_JB
+            for i in self._shapes(body):
+                carriers.append(carrier)
+                X_JS.append((X_JB @ inspector.GetPoseInFrame(i)).GetAsMatrix4())
+        X_GS = np.tile(np.eye(4), (len(ids), 1, 1))
+        X_GS[:, :3, :3], X_GS[:, :3, 3] = self.shapes.R_GS, self.shapes.p_GS
+        self._shape_joint = np.array(carriers, dtype=np.intp)
+        self._X_JS = np.array(X_JS) @ X_GS
+        self.moving = [_name(body) for body in solid if self._chain[_name(body)]]
+        self.chains = [self._chain[name] for name in self.moving]
+        self._solid = {_name(body): self._indices(body) for body in solid}
+        self.corners = [self._corners(self._solid[name]) for name in self.moving]
+
+    def _indices(self, body: RigidBody) -> list[int]:
+        return [self.shapes.ids.index(i) for i in self._shapes(body)]
+
+    def _corners(self, shapes: list[int]) -> Array:
+        points = [
+            self.shapes.corners(i) @ self._X_JS[i, :3, :3].T + self._X_JS[i, :3, 3] for i in shapes
+        ]
+        everything = np.vstack(points)
+        return box_corners(everything.min(axis=0), everything.max(axis=0))
+
+    def _find_pairs(self) -> None:
+        """List the pairs, and let no filter of the models hide any of them from the query."""
+        everything = GeometrySet(list(self.shapes.ids))
+        context = self._diagram.scene_graph().GetMyMutableContextFromRoot(self._root)
+        filters = self._diagram.scene_graph().collision_filter_manager(context)
+        filters.Apply(CollisionFilterDeclaration().AllowWithin(everything))
+        rows = []
+        for a, b in combinations(self._solid, 2):
+            pair = self._pair(a, b)
+            if pair is not None:
+                rows += [(i, j, len(self.pairs)) for i in self._solid[a] for j in self._solid[b]]
+                self.pairs.append(pair)
+        self.first, self.second, self.pair_of = np.array(rows, dtype=np.intp).T
+        radius = self.shapes.radius
+        self.reach = radius[self.first] + radius[self.second]
+
+    def _pair(self, a: str, b: str) -> BodyPair | None:
+        """How two bodies must keep away from each other; None where they need not.
+
+        They need not where nothing moves one against the other, where one joint joins them (they overlap in it),
+        and where they are the two fingers of one gripper (which meet when it closes).
+        """
+        chains = self._chain[a], self._chain[b]
+        if chains[0] == chains[1] or frozenset((a, b)) in self._neighbours:
+            return None
+        kind, required, arm = self._kind(a, b)
+        if kind == "fingers":
+            return None
+        shared = next(
+            (i for i, (j, k) in enumerate(zip(*chains, strict=False)) if j != k),
+            min(map(len, chains)),
+        )
+        bodies = [self.moving.index(name) if self._chain[name] else -1 for name in (a, b)]
+        return BodyPair((a, b), (bodies[0], bodies[1]), shared, kind, required, arm)
+
+    def _kind(self, a: str, b: str) -> tuple[str, float, int]:
+        clearance = self.cell.scenario.clearance
+        sides = _side(a), _side(b)
+        table = _name(self._table.body())
+        if sides[0] >= 0 and sides[1] >= 0:
+            if sides[0] != sides[1]:
+                return "arm-arm", clearance.arm_arm, -1
+            fingers = _element(a) in FINGERS and _element(b) in FINGERS
+            return ("fingers" if fingers else "self"), 0.0, -1
+        if table in (a, b) and max(sides) >= 0:
+            body = _element(b if a == table else a)
+            if body in FINGERS:
+                return "finger-table", clearance.finger_table, max(sides)
+            if body == "palm":
+                return "palm-table", clearance.palm_table, -1
+            return "arm-table", clearance.arm_table, -1
+        # The shoulder turns on a base that is bolted to the carrier: neighbours but for that weld, near in every
+        # position of the axis by construction.
+        carrier = _name(self._joints[0].child_body())
+        if carrier in (a, b) and any(name.endswith("::link_2") for name in (a, b)):
+            return "adjacent", 0.0, -1
+        return "surroundings", clearance.surroundings, -1
+
+
+def _name(body: RigidBody) -> str:
+    return str(body.scoped_name().get_full())
+
+
+def _element(name: str) -> str:
+    return scoped(name)[1]
+
+
+def _side(name: str) -> int:
+    """0 for the right arm with its gripper, 1 for the left, -1 for neither."""
+    instance = scoped(name)[0]
+    return next((i for i, instances in enumerate(ARMS) if instance in instances), -1)

@@ -1,0 +1,185 @@
+"""The tools' postures over the whole of contact and holding, against what the plan claims of them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.models.robot import Cell
+from unwrinkle.planning.plan import ArmChoice, FlatteningPlan
+from unwrinkle.planning.verification.model import CellModel
+from unwrinkle.planning.verification.tools import REACH, ToolLeg, ToolMotion, away_from_place
+from unwrinkle.planning.verification.verdict import Findings
+
+Array = NDArray[np.float64]
+
+ARMS = ("right", "left")
+#: Of tilt, heading and roll against the claimed ones, rad.
+POSTURE_TOLERANCE = 0.02
+#: Of the tilt beyond the gripper's window, rad.
+TILT_TOLERANCE = 5e-3
+#: Of the turn-table against the claimed angle, and of one that is fixed, rad.
+TURNTABLE_TOLERANCE, FIXED_TOLERANCE = 1e-3, 1e-6
+#: The cosine of a tilt below which a tool has no heading of its own: it points straight down.
+_UPRIGHT = 0.05
+
+
+def check_postures(
+    plan: FlatteningPlan, cell: Cell, model: CellModel, legs: Sequence[ToolLeg], found: Findings
+) -> None:
+    """Check tilt, heading and roll of the tools, and the turn-table, in contact, near the table, and while holding.
+
+    Args:
+        plan: the plan.
+        cell: its gripper bounds the tilt; its planner may keep the turn-table fixed.
+        model: of the cell.
+        legs: the segments with their tools.
+        found: takes the checks `tilt`, `heading`, `roll`, `turntable`.
+    """
+    for leg in legs:
+        _check_fixed(cell, leg, found)
+        for arm, choice in enumerate(plan.arms):
+            if choice is None or choice.side not in (0, 1):
+                continue
+            # A contact window that reaches further than the tools' place is a violation of its own.
+            hand = plan.target.hands[choice.side]
+            away = away_from_place(leg.tools[arm], hand, choice.share, model)
+            near = leg.leg.held | (np.maximum(away[:-1], away[1:]) <= REACH)
+            low = _low(leg.tools[arm], model.table_height + cell.scenario.tools.near_table)
+            working = np.flatnonzero((leg.working & near) | low)
+            if len(working):
+                _check_turntable(plan, leg, working, found)
+                _check_arm(plan, cell, leg, working, arm, choice, found)
+
+
+def _low(tool: ToolMotion, height: float) -> NDArray[np.bool_]:
+    """(n-1,) intervals in which a tool centre point may be below a height, m."""
+    z = tool.p_WT[:, 2]
+    return np.asarray(np.minimum(z[:-1], z[1:]) - tool.sag < height)
+
+
+def _check_arm(
+    plan: FlatteningPlan,
+    cell: Cell,
+    leg: ToolLeg,
+    working: NDArray[np.intp],
+    arm: int,
+    choice: ArmChoice,
+    found: Findings,
+) -> None:
+    tool, name = leg.tools[arm], ARMS[arm]
+    claimed = _turned(plan.target.hands[choice.side].grasp_direction, choice.offset)
+    tilt, heading, roll = tool_angles(tool.X_WT[:, :3, :3], claimed)
+    turn = tool.turn[working]
+    window = cell.scenario.gripper
+    low = np.minimum(tilt[working], tilt[working + 1]) - turn
+    high = np.maximum(tilt[working], tilt[working + 1]) + turn
+    for margins, angles, bound in (
+        (low - window.tilt_lower, low, window.tilt_lower),
+        (window.tilt_upper - high, high, window.tilt_upper),
+    ):
+        i = int(np.argmin(margins))
+        margin, worst = float(margins[i]), float(angles[i])
+        time = float(tool.times[working[i]])
+        if not margin >= -TILT_TOLERANCE:
+            found.fail(
+                "tilt",
+                f"the {name} tool is {np.degrees(worst):.1f} degrees below the horizontal at {time:.3f} s of "
+                f"{leg.leg.name}, outside {np.degrees(window.tilt_lower):.0f} to "
+                f"{np.degrees(window.tilt_upper):.0f} degrees",
+                time,
+            )
+        found.check("tilt", worst, bound, margin, "rad", f"{name} tool", time)
+    # Near the vertical a small turn of the tool is a large one of its heading.
+    level = np.cos(tilt)
+    for kind, angle, share, what in (
+        ("tilt", np.abs(tilt - choice.tilt), 1.0, f"tilt of {np.degrees(choice.tilt):.1f} degrees"),
+        ("heading", np.abs(heading) * np.maximum(level, _UPRIGHT), 1.0, "grasp direction"),
+        ("roll", np.abs(roll), 3.0, "blades that lie flat"),
+    ):
+        off = np.maximum(angle[working], angle[working + 1]) + share * turn
+        i = int(np.argmax(off))
+        worst, time = float(off[i]), float(tool.times[working[i]])
+        if not worst <= POSTURE_TOLERANCE:
+            shown = worst / max(float(level[working[i]]), _UPRIGHT) if kind == "heading" else worst
+            found.fail(
+                kind,
+                f"the {name} tool is {np.degrees(shown):.1f} degrees off the claimed {what} at {time:.3f} s of "
+                f"{leg.leg.name}, about {np.degrees(POSTURE_TOLERANCE):.1f} are allowed",
+                time,
+            )
+        if kind != "tilt":
+            margin = POSTURE_TOLERANCE - worst
+            found.check(kind, worst, POSTURE_TOLERANCE, margin, "rad", f"{name} tool", time)
+
+
+def tool_angles(R_WT: Array, claimed: Array) -> tuple[Array, Array, Array]:
+    """Tilt below the horizontal, heading against a claimed one, and roll about the approach axis, rad.
+
+    z of a tool is its approach axis, y goes from the lower to the upper blade. Of the two descriptions of one posture (the
+    other has a tilt beyond the vertical) the one nearer to the claimed heading is taken.
+
+    Args:
+        R_WT: (n, 3, 3).
+        claimed: (2,) unit vector.
+
+    Returns:
+        Each (n,).
+    """
+    y, z = R_WT[:, :, 1], R_WT[:, :, 2]
+    horizontal = np.hypot(z[:, 0], z[:, 1])
+    away = np.arctan2(claimed[1], claimed[0])
+    heading = np.where(horizontal < _UPRIGHT, 0.0, _wrapped(np.arctan2(z[:, 1], z[:, 0]) - away))
+    tilt = np.arctan2(-z[:, 2], horizontal)
+    c, s = np.cos(heading + away), np.sin(heading + away)
+    # Across the approach, level; and the blades' direction that goes with no roll.
+    across = np.stack([-s, c, np.zeros_like(c)], axis=1)
+    level = np.cross(z, across)
+    level /= np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-12)
+    roll = np.arctan2(np.sum(y * across, axis=1), np.sum(y * level, axis=1))
+    over = (np.abs(heading) > 0.5 * np.pi) & (np.abs(roll) > 0.5 * np.pi)
+    return (
+        np.where(over, np.pi - tilt, tilt),
+        np.where(over, _wrapped(heading - np.pi), heading),
+        np.where(over, _wrapped(roll - np.pi), roll),
+    )
+
+
+def _check_fixed(cell: Cell, leg: ToolLeg, found: Findings) -> None:
+    if cell.scenario.planner.turntable != "fixed":
+        return
+    low, high = (q[:, 0] for q in leg.leg.position_extremes())
+    moved = float(high.max() - low.min())
+    if not moved <= FIXED_TOLERANCE:
+        found.fail(
+            "turntable",
+            f"the turn-table moves by {moved:.4f} rad during {leg.leg.name}; this cell's is fixed",
+            float(leg.leg.times[0]),
+        )
+
+
+def _check_turntable(
+    plan: FlatteningPlan, leg: ToolLeg, working: NDArray[np.intp], found: Findings
+) -> None:
+    low, high = (q[working, 0] for q in leg.leg.position_extremes())
+    off = np.maximum(high - plan.turntable, plan.turntable - low)
+    i = int(np.argmax(off))
+    worst, time = float(off[i]), float(leg.leg.times[working[i]])
+    if not worst <= TURNTABLE_TOLERANCE and not found.failed("turntable"):
+        found.fail(
+            "turntable",
+            f"the turn-table is {worst:.4f} rad off the claimed {plan.turntable:.4f} rad at {time:.3f} s of "
+            f"{leg.leg.name}, at most {TURNTABLE_TOLERANCE:g} rad are allowed",
+            time,
+        )
+    margin = TURNTABLE_TOLERANCE - worst
+    found.check("turntable", worst, TURNTABLE_TOLERANCE, margin, "rad", leg.leg.name, time)
+
+
+def _turned(direction: Array, angle: float) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([c * direction[0] - s * direction[1], s * direction[0] + c * direction[1]])
+
+
+def _wrapped(angle: Array) -> Array:
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi

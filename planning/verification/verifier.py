@@ -1,0 +1,152 @@
+"""Independent verification of a flattening plan: the motion that the controller makes of what it is sent.
+
+Shares nothing with the planner but the models and the plan's types. What it says of a plan that passes, for the cubic motion
+that the controller makes of the samples as it takes them (whole milliseconds, float32; every profile does), with Drake's model
+of the cell:
+
+- position, velocity, acceleration and jerk of every axis keep their limits at every time (exact extremes), and acceleration
+  jumps between cubic pieces by no more than a motion of that jerk allows;
+- every pair of bodies that move against each other keeps its padding at every sample (to 0.01 mm), and nowhere between
+  samples comes more than 1 mm below it, nor into contact; the strokes of the grippers included. Fingers meet the working table
+  only in the contact windows, which lie where the tools are at their place, and sink into it by no more than 0.1 mm anywhere;
+- over the whole of contact and holding the tools have the claimed posture, within the gripper's window, and the turn-table
+  its claimed angle; while cloth is held they stay on the line of the pull, low, within the speed limit, and the grippers
+  within their greatest distance; open fingers near the table keep their speeds;
+- grasp, pull and put-down lie on the working table;
+- segments, gripper events, named poses, start, rest, continuity and hashes are what they have to be.
+
+It assumes rigid bodies of exactly the modelled shapes, exact tracking, the stereo head resting at the scenario's gaze, both
+grippers open at the start, and takes no notice of the garment. Its work is bounded: a plan that needs more is refused.
+"""
+
+import logging
+import time
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.robot import Cell
+from unwrinkle.planning.plan import FlatteningPlan
+from unwrinkle.planning.verification.clearance import ClearanceReport, check_clearances
+from unwrinkle.planning.verification.contact import check_contact
+from unwrinkle.planning.verification.hands import check_hands
+from unwrinkle.planning.verification.kinematics import check_kinematics
+from unwrinkle.planning.verification.limits import check_limits
+from unwrinkle.planning.verification.model import CellModel
+from unwrinkle.planning.verification.motion import legs
+from unwrinkle.planning.verification.postures import check_postures
+from unwrinkle.planning.verification.structure import (
+    check_choice,
+    check_grippers,
+    check_identity,
+    check_numbers,
+    check_rest,
+    check_sent,
+    check_speed,
+    check_structure,
+)
+from unwrinkle.planning.verification.tools import tool_legs
+from unwrinkle.planning.verification.verdict import Findings, Verdict
+
+Array = NDArray[np.float64]
+
+_log = logging.getLogger(__name__)
+
+# Building a cell's model takes as long as a verification.
+_models: WeakKeyDictionary[Cell, CellModel] = WeakKeyDictionary()
+
+
+def verify(plan: FlatteningPlan, cell: Cell, *, start: ArrayLike | None = None) -> Verdict:
+    """Check a plan and say what was found.
+
+    Args:
+        plan: what is to be executed.
+        cell: where. Its limits count at the plan's speed fraction, which may not exceed the scenario's.
+        start: (13,) where the robot stands, rad; home if left out.
+
+    Returns:
+        A verdict; a bad plan is a value with violations, not an exception.
+
+    Raises:
+        InputError: `start` is not 13 finite numbers, or the cell's models do not fit together.
+    """
+    clock = time.perf_counter()
+    home = cell.robot.named_states["home"]
+    standing = np.array(home if start is None else start, dtype=float)
+    if standing.shape != (13,) or not np.all(np.isfinite(standing)):
+        raise InputError(f"the start has shape {standing.shape}, expected 13 finite numbers")
+    found = Findings()
+    check_numbers(plan, found)
+    # The same cell at the same speed is kept as it is, since it may hold limits of its own.
+    report, slower = ClearanceReport((), 0.0, 0), cell
+    if not found.failed("numbers"):
+        check_speed(plan, cell, found)
+        if 0.0 < plan.speed <= 1.0 and plan.speed != cell.scenario.speed:
+            slower = cell.with_speed(plan.speed)
+    check_identity(plan, cell, slower.limits_hash, found)
+    if not found.failed("numbers"):
+        report = _check_motion(plan, cell, slower, standing, found)
+    verdict = Verdict(
+        plan_hash=plan.content_hash,
+        robot_hash=cell.robot_hash,
+        limits_hash=slower.limits_hash,
+        checks=found.checks(),
+        violations=tuple(found.violations),
+        clearances=report.clearances,
+        elsewhere=report.elsewhere,
+        queries=report.queries,
+    )
+    duration = time.perf_counter() - clock
+    _log.info("%s; %d configurations, %.3f s", verdict.summary(), report.queries, duration)
+    return verdict
+
+
+def _check_motion(
+    plan: FlatteningPlan, cell: Cell, slower: Cell, standing: Array, found: Findings
+) -> ClearanceReport:
+    """All checks of a plan whose numbers are numbers.
+
+    Args:
+        plan: the plan.
+        cell: where.
+        slower: the same cell with the limits at the plan's speed.
+        standing: (13,) where the robot stands, rad.
+        found: takes checks and violations.
+
+    Returns:
+        Clearances; none where a plan breaks its limits: then there is no motion worth a proof.
+    """
+    check_structure(plan, found)
+    check_choice(plan, found)
+    nothing = ClearanceReport((), 0.0, 0)
+    if not plan.segments:
+        return nothing
+    check_rest(plan, standing, found)
+    check_grippers(plan, slower, found)
+    sent = check_sent(plan, found)
+    if sent is None:
+        return nothing
+    motion = legs(sent, cell.scenario.gripper.opening)
+    check_limits(motion, slower.limits, cell.robot.axes, found)
+    broken = found.failed("position", "velocity", "acceleration", "jerk")
+    model = cell_model(cell)
+    frames = [model.frames(leg.positions) for leg in motion]
+    check_kinematics(cell, motion, frames, found)
+    near = cell.scenario.tools.near_table
+    tools = tool_legs(model, motion, frames, near, found, closely=not broken)
+    check_hands(sent, slower, model, tools, found)
+    check_postures(sent, cell, model, tools, found)
+    check_contact(sent, cell, model, tools, found)
+    if broken:
+        return nothing
+    taking_part = (plan.arms[0] is not None, plan.arms[1] is not None)
+    return check_clearances(model, motion, [X for X, _ in frames], taking_part, found)
+
+
+def cell_model(cell: Cell) -> CellModel:
+    """The verification's model of a cell, built once per cell."""
+    if cell not in _models:
+        _models[cell] = CellModel(cell)
+    return _models[cell]

@@ -1,0 +1,1 @@
+"""How a controller runs a trajectory."""

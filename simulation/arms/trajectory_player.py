@@ -1,0 +1,344 @@
+"""How a robot controller runs a trajectory: start check, cubic interpolation, hold, speed override.
+
+The player moves along a given path and never leaves it: a hold and the speed override change only
+how fast the path's clock s runs (its rate r = ds/dt). It is plain arithmetic on arrays, for any
+number of axes A; a state is a value, and every function returns a new one.
+"""
+
+import dataclasses as dc
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from unwrinkle.models.errors import InputError
+from unwrinkle.simulation.arms.track import Track
+
+Array = NDArray[np.float64]
+
+IDLE, RUNNING, HOLDING, FAULT = "idle", "running", "holding", "fault"
+
+_RELATIVE = 1e-6  # of a limit: rounding, no excess
+_AT_REST = 1e-6  # velocity at a track's ends, rad/s
+
+
+@dataclass(frozen=True, eq=False)
+class PlayerLimits:
+    """What the controller refuses to go beyond; each (A,).
+
+    Attributes:
+        lower, upper: positions, rad.
+        velocity: rad/s.
+        acceleration: rad/s^2.
+    """
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+
+
+@dataclass(frozen=True)
+class PlayerSettings:
+    """How the controller checks and brakes.
+
+    Attributes:
+        start_tolerance: most that the robot may stand off a trajectory's first point, rad; 30
+            pulses of a DX100 are about 1 mrad on the arm's axes.
+        rate_acceleration: most by which the rate changes, 1/s.
+        least_braking: at least so quickly the rate falls in a hold, 1/s, even where the path
+            itself uses up an axis' acceleration.
+        arrived, arrived_speed: within these of the end, rad and rad/s, a trajectory is completed.
+        arrival_time: so long after the trajectory's end the robot may still be under way, s.
+        following_limit: a following error beyond this is a fault, rad.
+    """
+
+    start_tolerance: float = 1e-3
+    rate_acceleration: float = 2.5
+    least_braking: float = 0.5
+    arrived: float = 5e-4
+    arrived_speed: float = 5e-3
+    arrival_time: float = 1.0
+    following_limit: float = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class PlayerState:
+    """What the player knows between two steps.
+
+    Attributes:
+        mode: "idle", "running", "holding" (braking) or "fault".
+        rest: (A,) where it stands when no track runs, rad.
+        track: that it moves along; None at rest.
+        number, name: of the command that the track came with.
+        s: time on the track's clock, s.
+        rate: ds/dt.
+        waited: since the track's end, s.
+        queued: follow-up: number, track, name.
+        command: number of the last command accepted or refused.
+        completed: number of the last command done: a track run to its end, or a hold at rest.
+        reason: why a command was refused, or the robot holds or is in fault.
+    """
+
+    mode: str
+    rest: Array
+    track: Track | None = None
+    number: int = 0
+    name: str = ""
+    s: float = 0.0
+    rate: float = 0.0
+    waited: float = 0.0
+    queued: tuple[int, Track, str] | None = None
+    command: int = 0
+    completed: int = 0
+    reason: str = ""
+
+
+class TrajectoryPlayer:
+    """The rules of the controller; holds no state."""
+
+    def __init__(
+        self, limits: PlayerLimits, axes: tuple[str, ...], settings: PlayerSettings | None = None
+    ) -> None:
+        """Play under limits; `axes` are the names for messages.
+
+        Raises:
+            InputError: a limit has not one number per axis.
+        """
+        for item in dc.fields(limits):
+            if np.shape(getattr(limits, item.name)) != (len(axes),):
+                raise InputError(f"trajectory player: {item.name} needs {len(axes)} numbers")
+        self._limits = limits
+        self._axes = axes
+        self.settings = settings or PlayerSettings()
+
+    def at_rest(self, positions: ArrayLike) -> PlayerState:
+        """State of a robot that stands at positions (A,)."""
+        rest = np.array(positions, dtype=float)
+        if rest.shape != (len(self._axes),) or not np.isfinite(rest).all():
+            raise InputError(f"trajectory player: start {rest.shape} is no finite posture")
+        rest.setflags(write=False)
+        return PlayerState(IDLE, rest)
+
+    def accept(
+        self,
+        state: PlayerState,
+        number: int,
+        track: Track | None,
+        measured: Array,
+        name: str = "",
+    ) -> PlayerState:
+        """Take or refuse a command; one whose number was seen before changes nothing.
+
+        Args:
+            state: before it.
+            number: counts up.
+            track: to run; None holds.
+            measured: (A,) where the robot stands, rad.
+            name: of the trajectory, for messages.
+
+        Returns:
+            The state after it. A refusal leaves the motion as it is and states its reason. One
+            follow-up that starts where the running track ends is queued.
+        """
+        if number <= state.command:
+            return state
+        state = dc.replace(state, command=number)
+        if track is None:
+            return self._hold(state, number, "hold commanded")
+        label = f"trajectory {number}" + (f" ({name})" if name else "")
+        problem = self._problem(state, track, np.asarray(measured, dtype=float))
+        if problem:
+            return dc.replace(state, reason=f"{label} refused: {problem}")
+        if state.mode == RUNNING:
+            return dc.replace(state, queued=(number, track, name), reason="")
+        return dc.replace(_started(state, number, track, name), reason="")
+
+    def advance(
+        self,
+        state: PlayerState,
+        step: float,
+        override: float,
+        measured: Array,
+        speed: Array,
+    ) -> PlayerState:
+        """Go on by one control period.
+
+        Args:
+            state: now.
+            step: the period, s.
+            override: wanted rate, 0 to 1; anything else holds.
+            measured, speed: (A,) of the robot now, rad and rad/s.
+
+        Returns:
+            The state at the end of the period; `reference` gives the posture for it.
+        """
+        if state.track is None:
+            return state
+        problem = self._following(state, measured)
+        if problem and state.mode != FAULT:
+            state = dc.replace(state, mode=FAULT, reason=problem, queued=None)
+        if state.mode == RUNNING and not 0.0 <= override <= 1.0:
+            state = self._hold(state, 0, f"speed override is {override}, not within 0 to 1")
+        target = override if state.mode == RUNNING else 0.0
+        track = state.track
+        assert track is not None
+        if state.s >= track.duration:
+            return self._arriving(state, step, measured, speed)
+        if state.s == 0.0 and state.mode == RUNNING:
+            rate = before = target  # at rest there, so any rate may begin
+        else:
+            before, rate = state.rate, self._next_rate(state, track, step, target)
+        s = min(state.s + 0.5 * (before + rate) * step, track.duration)
+        state = dc.replace(state, s=s, rate=rate)
+        if state.mode != RUNNING and rate == 0.0:
+            return self._stopped(state, track)
+        return state
+
+    def reference(self, state: PlayerState, ahead: float = 0.0) -> tuple[Array, Array]:
+        """Position and velocity (A,) that the state asks of the axes, rad and rad/s.
+
+        Args:
+            state: of the player.
+            ahead: so much later, s, at the rate that the state has.
+        """
+        if state.track is None:
+            return state.rest, np.zeros_like(state.rest)
+        s = min(state.s + ahead * state.rate, state.track.duration)
+        q, slope, _ = state.track.at(s)
+        return q, slope * (0.0 if s >= state.track.duration else state.rate)
+
+    def _problem(self, state: PlayerState, track: Track, measured: Array) -> str:
+        """Why a track cannot be taken; empty if it can."""
+        if state.mode == FAULT:
+            return f"the controller is in fault ({state.reason})"
+        if state.mode == HOLDING:
+            return "the robot is still braking"
+        if state.mode == RUNNING and state.queued is not None:
+            return f"one runs and number {state.queued[0]} waits already"
+        if track.positions.shape[1] != len(self._axes):
+            return f"it has {track.positions.shape[1]} axes, the robot {len(self._axes)}"
+        if not track.finite:
+            return "a number in it is not finite"
+        if np.abs(track.velocities[[0, -1]]).max() > _AT_REST:
+            return "it does not start and end at rest"
+        place, what = measured, "the robot stands"
+        if state.mode == RUNNING and state.track is not None:
+            place, what = state.track.positions[-1], "another one runs, which ends"
+        if not np.isfinite(place).all():
+            return "the robot's measured position is not finite"
+        off = np.abs(track.positions[0] - place)
+        axis = int(off.argmax())
+        if off[axis] > self.settings.start_tolerance:
+            return (
+                f"{what} {1e3 * off[axis]:.2f} mrad off its start on {self._axes[axis]}, at most "
+                f"{1e3 * self.settings.start_tolerance:.2f} mrad; plan from where it stands"
+            )
+        return self._excess(track)
+
+    def _excess(self, track: Track) -> str:
+        low, high, speed, acceleration = track.extremes()
+        limits = self._limits
+        for what, value, most in (
+            ("position", high, limits.upper),
+            ("position", -low, -limits.lower),
+            ("velocity", speed, limits.velocity),
+            ("acceleration", acceleration, limits.acceleration),
+        ):
+            over = value - most - _RELATIVE * np.abs(most)
+            axis = int(over.argmax())
+            if not over[axis] <= 0.0:
+                return (
+                    f"{what} of {self._axes[axis]} reaches {value[axis]:.4f}, {over[axis]:.4f} "
+                    f"beyond its limit {most[axis]:.4f} (rad, s)"
+                )
+        return ""
+
+    def _hold(self, state: PlayerState, number: int, reason: str) -> PlayerState:
+        """Begin to brake; at rest already, a hold is done at once."""
+        if state.mode == FAULT:
+            return state
+        if state.track is None:
+            return dc.replace(state, mode=IDLE, completed=number, reason="")
+        return dc.replace(state, mode=HOLDING, number=number, queued=None, reason=reason)
+
+    def _next_rate(self, state: PlayerState, track: Track, step: float, target: float) -> float:
+        """Rate at the end of the period: towards the target, within the axes' acceleration.
+
+        q'' = q_ss r^2 + q_s r' bounds r' by every axis (path time scaling); braking has a least
+        value, so that a hold always comes to rest.
+        """
+        rate, settings = state.rate, self.settings
+        if rate == target:
+            return rate
+        _, slope, bend = track.at(state.s)
+        used = bend * rate * rate
+        speed = np.maximum(np.abs(slope), 1e-9)
+        towards = np.sign(target - rate) * np.sign(slope)
+        most = float(((self._limits.acceleration - towards * used) / speed).min())
+        if target < rate:
+            change = min(settings.rate_acceleration, max(most, settings.least_braking))
+            return max(target, rate - change * step)
+        change = min(settings.rate_acceleration, max(most, 0.0))
+        return min(target, rate + change * step)
+
+    def _stopped(self, state: PlayerState, track: Track) -> PlayerState:
+        rest = track.at(state.s)[0]
+        rest.setflags(write=False)
+        done = state.number if state.mode == HOLDING and state.number else state.completed
+        mode = IDLE if state.mode == HOLDING else FAULT
+        reason = state.reason
+        if state.mode == HOLDING:
+            reason += f"; at rest {state.s:.2f} s into {state.name or 'the trajectory'}"
+        return dc.replace(
+            state, mode=mode, rest=rest, track=None, rate=0.0, completed=done, reason=reason
+        )
+
+    def _arriving(
+        self, state: PlayerState, step: float, measured: Array, speed: Array
+    ) -> PlayerState:
+        """Wait at the end of the track until the robot is there."""
+        track = state.track
+        assert track is not None
+        if state.mode != RUNNING:
+            return self._stopped(state, track)
+        end = track.positions[-1]
+        off = np.abs(measured - end).max()
+        if off <= self.settings.arrived and np.abs(speed).max() <= self.settings.arrived_speed:
+            done = dc.replace(state, mode=IDLE, rest=end, track=None, rate=0.0)
+            done = dc.replace(done, completed=state.number)
+            if state.queued is not None:
+                number, follow_up, name = state.queued
+                return _started(done, number, follow_up, name)
+            return done
+        waited = state.waited + step
+        if waited > self.settings.arrival_time:
+            reason = f"the robot is {1e3 * off:.2f} mrad off the end of {state.name or 'its path'}"
+            return dc.replace(state, mode=FAULT, rest=end, track=None, rate=0.0, reason=reason)
+        return dc.replace(state, waited=waited, rate=0.0)
+
+    def _following(self, state: PlayerState, measured: Array) -> str:
+        """Name the fault of a robot that does not follow; empty if it does."""
+        error: NDArray[Any] = np.abs(measured - self.reference(state)[0])
+        axis = int(error.argmax())
+        if error[axis] <= self.settings.following_limit:
+            return ""
+        return (
+            f"following error of {self._axes[axis]} is {1e3 * error[axis]:.0f} mrad, at most "
+            f"{1e3 * self.settings.following_limit:.0f}"
+        )
+
+
+def _started(state: PlayerState, number: int, track: Track, name: str) -> PlayerState:
+    return dc.replace(
+        state,
+        mode=RUNNING,
+        track=track,
+        number=number,
+        name=name,
+        s=0.0,
+        rate=0.0,
+        waited=0.0,
+        queued=None,
+    )

@@ -1,0 +1,1 @@
+"""The simulated cloth: solver, garments, initial states, measures of its true shape."""

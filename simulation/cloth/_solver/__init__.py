@@ -1,0 +1,1 @@
+"""The compiled XPBD solver of the cloth."""

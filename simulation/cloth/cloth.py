@@ -1,0 +1,324 @@
+"""A simulated cloth on a table: small-step XPBD on a structured grid, with plastic bending.
+
+Every substep (Macklin 2019, "Small steps in physics simulation") moves the nodes by their velocities
+and then corrects the positions once by each element: shear along the diagonals and the yarns of both
+directions, each line of nodes exactly; bending along four directions; the cloth against itself; table
+and floor with exact stick. One thread and no reductions: the same input gives the same bits.
+"""
+
+import dataclasses as dc
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.models.cloth import ClothMaterial
+from unwrinkle.models.errors import InputError
+from unwrinkle.simulation.cloth._solver.arrays import cloth_arrays
+from unwrinkle.simulation.cloth._solver.memory import ClothMemory
+from unwrinkle.simulation.cloth.outlines import Outline
+from unwrinkle.simulation.cloth.state import (
+    HANDS,
+    ClothError,
+    ClothState,
+    Grip,
+    Grips,
+    Support,
+    checked_pose,
+)
+
+__all__ = ["Cloth", "ClothError", "ClothState", "Grip", "Support"]
+
+GRAVITY = (0.0, 0.0, -9.81)  # m/s^2
+GRASP_RADIUS = 0.015  # m: of the patch that a closed gripper holds
+STRIDE_TIME = 0.020  # s: how often it is asked whether the cloth sleeps
+QUIET_SPEED = 2e-3  # m/s: slower than this, on average over that time, is at rest
+QUIET_SHARE = 0.995  # of the nodes; layers pressed together may tremble in a few places
+QUIET_REST = 5.0  # times that speed none of the others may reach
+QUIET_TIME = 0.1  # s: at rest for so long, it falls asleep
+MOST_HAND_SPEED = 5.0  # m/s: a faster hand is a jump, not a motion
+_STILL = 1e-6  # m: a hand that moved its nodes by less has not moved
+
+Hands = Sequence[NDArray[np.floating[Any]] | None]
+
+
+class Cloth:
+    """A garment of a material on a table: how its states follow from each other.
+
+    Holds no state but scratch memory. The first call compiles the kernels (about 15 s; cached on disk).
+    """
+
+    def __init__(
+        self,
+        outline: Outline,
+        material: ClothMaterial,
+        support: Support,
+        *,
+        time_step: float = 1e-3,
+        gravity: tuple[float, float, float] = GRAVITY,
+        clamped: Sequence[int] = (),
+        grasp_radius: float = GRASP_RADIUS,
+    ) -> None:
+        """Prepare the solver.
+
+        Args:
+            outline: which nodes are cloth.
+            material: of the cloth.
+            support: the table.
+            time_step: of one substep, s.
+            gravity: in the world, m/s^2; tilted, the table is an incline.
+            clamped: numbers of nodes that stay where they are.
+            grasp_radius: of the patch around a tool's tip that its gripper holds, m.
+
+        Raises:
+            InputError: an impossible value, or a time step too long for the material.
+        """
+        material.check()
+        if not (np.isfinite(time_step) and 0.0 < time_step <= 5e-3):
+            raise InputError(f"cloth: time step {time_step:g} s; give above 0, up to 0.005")
+        if np.shape(gravity) != (3,) or not np.isfinite(gravity).all():
+            raise InputError(f"cloth: gravity {gravity}; give three finite values in m/s^2")
+        if not (np.isfinite(grasp_radius) and grasp_radius > 0.0):
+            raise InputError(f"cloth: grasp radius {grasp_radius:g} m; give one above 0")
+        self._clamped = np.unique(np.asarray(clamped, dtype=np.intp))
+        beyond = self._clamped[(self._clamped < 0) | (self._clamped >= outline.mask.size)]
+        if len(beyond) or not outline.mask.ravel()[self._clamped].all():
+            raise InputError(
+                "cloth: a clamped node is no node of the cloth; give numbers i * ny + j"
+            )
+        diffusion = material.viscosity * time_step / outline.spacing**2
+        if diffusion > 0.24:
+            most = 0.24 * outline.spacing**2 / material.viscosity
+            raise InputError(
+                f"cloth: time step {time_step:g} s is too long for the viscosity at this spacing; "
+                f"give at most {most:.2g} s"
+            )
+        self.outline = outline
+        self.material = material
+        self.support = support
+        self.time_step = float(time_step)
+        self.gravity = (float(gravity[0]), float(gravity[1]), float(gravity[2]))
+        self.grasp_radius = float(grasp_radius)
+        self.shape = (outline.mask.shape[0], outline.mask.shape[1])
+        self._arrays = cloth_arrays(outline, material, time_step, self._clamped)
+        self._memory = ClothMemory(
+            self._arrays,
+            outline.mask,
+            outline.spacing,
+            material,
+            support,
+            self.gravity,
+            self.time_step,
+        )
+
+    @property
+    def size(self) -> int:
+        """Number S of nodes of the grid."""
+        return self.shape[0] * self.shape[1]
+
+    @property
+    def flat_height(self) -> float:
+        """Height of the nodes of a cloth that lies flat on the table, m: half its thickness above."""
+        return self.support.height + 0.5 * self.material.thickness
+
+    @property
+    def numbers(self) -> NDArray[np.intp]:
+        """Numbers in the grid of the nodes that are cloth, (n,); the order of `vertices`."""
+        return self._arrays.numbers
+
+    @property
+    def triangles(self) -> NDArray[np.intp]:
+        """Corners among `vertices`, (m, 3), counter-clockwise seen from above a flat cloth."""
+        return self._arrays.triangles
+
+    @property
+    def rest(self) -> NDArray[np.float64]:
+        """Where the vertices are in the cloth's own plane, (n, 2), m."""
+        return self._arrays.rest
+
+    @property
+    def boundary(self) -> NDArray[np.intp]:
+        """Numbers of the vertices on the garment's border, (k,)."""
+        cells = np.pad(self.outline.cells, 1)
+        inner = cells[:-1, :-1] & cells[1:, :-1] & cells[:-1, 1:] & cells[1:, 1:]
+        return np.flatnonzero(~inner.ravel()[self.numbers])
+
+    def vertices(self, state: ClothState) -> NDArray[np.float64]:
+        """Return the world places of the nodes that are cloth, (n, 3), m."""
+        self._check(state)
+        return state.positions[:, self.numbers].T.copy()
+
+    def flat(self, centre: tuple[float, float], yaw: float = 0.0) -> ClothState:
+        """Return the cloth flat on the table, asleep.
+
+        Args:
+            centre: world x, y of the middle of its grid, m.
+            yaw: of its x axis from the world's, rad.
+
+        Raises:
+            InputError: not finite, or a part would not lie on the table.
+        """
+        if np.shape(centre) != (2,) or not np.isfinite([*centre, yaw]).all():
+            raise InputError(f"cloth: centre {centre}, yaw {yaw}; give finite (x, y) and angle")
+        turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+        place = self.outline.plane.reshape(-1, 2) @ turn.T + np.asarray(centre)
+        reach = np.abs(place[self.numbers] - self.support.centre).max(axis=0)
+        over = float((reach - 0.5 * np.asarray(self.support.size)).max())
+        if over > 1e-9:
+            raise InputError(
+                f"cloth: a flat {self.outline.name} at ({centre[0]:g}, {centre[1]:g}) reaches "
+                f"{1e3 * over:.0f} mm beyond the table; move it or take a smaller garment"
+            )
+        positions = np.vstack([place.T, np.full(self.size, self.flat_height)])
+        zeros = np.zeros((3, self.size))
+        return ClothState(0.0, positions, zeros, np.zeros((4, self.size)), asleep=True)
+
+    def grip(self, state: ClothState, hand: int, X_WT: NDArray[np.floating[Any]]) -> ClothState:
+        """Close a gripper: it holds what is within the grasp radius of its tip (T's origin).
+
+        Where nothing is, `grips[hand]` stays None: it missed. Nodes in the other hand stay there.
+
+        Raises:
+            InputError: bad pose, no such hand, or it holds something already.
+        """
+        self._check(state)
+        self._check_hand(hand)
+        pose = checked_pose(X_WT, f"{HANDS[hand]} hand")
+        if state.grips[hand] is not None:
+            raise InputError(f"cloth: the {HANDS[hand]} hand holds cloth already; release it first")
+        distance = np.linalg.norm(state.positions.T - pose[:3, 3], axis=1)
+        free = self.outline.mask.ravel() & (distance <= self.grasp_radius)
+        free[self._clamped] = False
+        other = state.grips[1 - hand]
+        if other is not None:
+            free[other.nodes] = False
+        nodes = np.flatnonzero(free)
+        if len(nodes) == 0:
+            return state
+        p_TN = (state.positions[:, nodes].T - pose[:3, 3]) @ pose[:3, :3]
+        return dc.replace(state, grips=_with(state.grips, hand, Grip(nodes, p_TN, pose)))
+
+    def release(self, state: ClothState, hand: int) -> ClothState:
+        """Open a gripper; a state whose hand holds nothing comes back as it is.
+
+        Raises:
+            InputError: no such hand.
+        """
+        self._check(state)
+        self._check_hand(hand)
+        if state.grips[hand] is None:
+            return state
+        return dc.replace(state, grips=_with(state.grips, hand, None), asleep=False, quiet=0.0)
+
+    def advance(
+        self, state: ClothState, duration: float, hands: Hands = (None, None)
+    ) -> ClothState:
+        """Return the state `duration` later.
+
+        Args:
+            state: of this cloth. Asleep and no hand moving, it comes back with its time advanced.
+            duration: s, a multiple of the time step.
+            hands: X_WT (4, 4) of the right and the left tool at the end; None, or a hand that holds
+                nothing, is left out. The held nodes go there in straight lines.
+
+        Raises:
+            InputError: bad duration, pose or state, or a hand that jumps.
+            ClothError: the solver failed.
+        """
+        self._check(state)
+        return self._advanced(state, duration, hands, QUIET_SPEED, until_asleep=False)
+
+    def settle(
+        self, state: ClothState, most: float = 3.0, speed: float = QUIET_SPEED
+    ) -> ClothState:
+        """Return the state when it has come to rest, or after `most` seconds.
+
+        At rest is: for 0.1 s, 99.5 % of the nodes have on average been slower than `speed` (m/s), and none
+        five times as fast; the state is then asleep.
+
+        Raises:
+            InputError: bad time or speed.
+            ClothError: the solver failed.
+        """
+        self._check(state)
+        if not (np.isfinite(speed) and speed > 0.0):
+            raise InputError(f"cloth: settling speed {speed:g} m/s; give one above 0")
+        count = max(1, round(most / self.time_step)) if np.isfinite(most) else 0
+        return self._advanced(state, count * self.time_step, (None, None), speed, until_asleep=True)
+
+    def _advanced(
+        self, state: ClothState, duration: float, hands: Hands, speed: float, *, until_asleep: bool
+    ) -> ClothState:
+        count = round(duration / self.time_step) if np.isfinite(duration) else 0
+        if count < 1 or abs(count * self.time_step - duration) > 1e-6 * self.time_step * count:
+            raise InputError(
+                f"cloth: cannot advance by {duration} s; give a multiple of the time step "
+                f"{self.time_step:g} s"
+            )
+        grips = self._moved(state.grips, hands)
+        nodes = np.concatenate(
+            [np.empty(0, dtype=np.intp), *(g.nodes for g in grips if g is not None)]
+        )
+        begin = np.ascontiguousarray(state.positions[:, nodes].T)
+        end = np.concatenate([np.empty((0, 3)), *(g.at(g.X_WT) for g in grips if g is not None)])
+        travel = float(np.abs(end - begin).max(initial=0.0))
+        if travel > MOST_HAND_SPEED * duration:
+            raise InputError(
+                f"cloth: a hand moves its cloth {travel:.3f} m in {duration:g} s; "
+                "give its pose at shorter intervals"
+            )
+        moving = travel > _STILL
+        if state.asleep and not moving:
+            return dc.replace(state, time=state.time + duration)
+        memory = self._memory
+        memory.write(state, nodes)
+        stride = max(1, round(STRIDE_TIME / self.time_step))
+        quiet, done = 0.0 if moving else state.quiet, 0
+        asleep = False
+        while done < count and not asleep:
+            steps = min(stride, count - done)
+            a, b = done / count, (done + steps) / count
+            before = memory.places()
+            memory.run(steps, begin + a * (end - begin), begin + b * (end - begin))
+            done += steps
+            if not moving:
+                passed = steps * self.time_step
+                moved = np.linalg.norm(memory.places() - before, axis=0)
+                quiet = quiet + passed if _at_rest(moved, speed * passed) else 0.0
+                asleep = quiet >= QUIET_TIME - 1e-9
+        time = state.time + (done * self.time_step if until_asleep else duration)
+        positions, velocities, curvatures = memory.read(time)
+        if asleep:
+            velocities = np.zeros_like(velocities)
+        return ClothState(time, positions, velocities, curvatures, grips, asleep, quiet)
+
+    def _moved(self, grips: Grips, hands: Hands) -> Grips:
+        if len(hands) != 2:
+            raise InputError(f"cloth: poses of {len(hands)} hands; give right and left, or None")
+        moved: list[Grip | None] = []
+        for name, grip, X_WT in zip(HANDS, grips, hands, strict=True):
+            if grip is not None and X_WT is not None:
+                grip = dc.replace(grip, X_WT=checked_pose(X_WT, f"{name} hand"))
+            moved.append(grip)
+        return moved[0], moved[1]
+
+    def _check(self, state: ClothState) -> None:
+        if state.positions.shape[1] != self.size:
+            raise InputError(
+                f"cloth: a state of {state.positions.shape[1]} nodes for a {self.outline.name} "
+                f"of {self.size}; give a state of the same outline"
+            )
+
+    @staticmethod
+    def _check_hand(hand: int) -> None:
+        if hand not in (0, 1):
+            raise InputError(f"cloth: no hand {hand}; 0 is the right, 1 the left")
+
+
+def _with(grips: Grips, hand: int, grip: Grip | None) -> Grips:
+    return (grip, grips[1]) if hand == 0 else (grips[0], grip)
+
+
+def _at_rest(moved: NDArray[np.float64], most: float) -> bool:
+    return bool(np.quantile(moved, QUIET_SHARE) < most and moved.max() < QUIET_REST * most)

@@ -1,0 +1,132 @@
+"""Outlines of flat garments on a grid of nodes."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from unwrinkle.models.errors import InputError
+from unwrinkle.simulation.cloth.layout import MOST_NODES
+
+FEWEST_NODES = 16
+
+# Corners of half an outline (x >= 0), from top to bottom, in metres; mirrored at x = 0. Sizes are a
+# small child's: the larger ones would hang over the table of 0.8 m.
+_TSHIRT = (
+    (0.075, 0.260),  # the neck ends at the shoulder
+    (0.180, 0.235),
+    (0.330, 0.130),  # sleeve, outer corner
+    (0.285, 0.055),  # sleeve, inner corner
+    (0.190, 0.110),  # armpit
+    (0.190, -0.260),
+)
+_NECK = (0.075, 0.045)  # half width and depth of the neck's curve
+_TROUSERS = (
+    (0.140, 0.280),
+    (0.165, 0.060),
+    (0.170, -0.280),
+    (0.060, -0.280),
+    (0.008, 0.050),  # crotch
+)
+_SIZES = {"towel": (0.48, 0.48), "dishcloth": (0.54, 0.38), "tshirt": (0.66, 0.52)}
+_SIZES["trousers"] = (0.34, 0.56)
+NAMES = tuple(_SIZES)
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """Which nodes of a grid are cloth.
+
+    Attributes:
+        name: of the garment.
+        mask: (nx, ny); True where there is cloth. The first axis runs along x, the second along y: seen
+            from above with the collar or waist up, x points right and y up.
+        spacing: of the nodes, m.
+    """
+
+    name: str
+    mask: NDArray[np.bool_]
+    spacing: float
+
+    def __post_init__(self) -> None:
+        """Keep a read-only mask; refuse what is no single piece of cloth."""
+        mask = np.array(self.mask, dtype=bool)
+        if mask.ndim != 2 or min(mask.shape) < 3 or max(mask.shape) > MOST_NODES:
+            raise InputError(
+                f"outline {self.name!r}: mask of {mask.shape}; give 3 to {MOST_NODES} nodes a side"
+            )
+        if not (np.isfinite(self.spacing) and 5e-4 <= self.spacing <= 0.1):
+            raise InputError(
+                f"outline {self.name!r}: spacing {self.spacing:g} m; give 0.0005 to 0.1"
+            )
+        cells = _cells(mask)
+        if not cells.any() or (_of_cells(cells) != mask).any():
+            raise InputError(
+                f"outline {self.name!r}: {int((_of_cells(cells) != mask).sum())} of its nodes belong "
+                "to no square of four nodes; remove them"
+            )
+        if ndimage.label(cells)[1] != 1:
+            raise InputError(f"outline {self.name!r}: is more than one piece; keep one")
+        mask.flags.writeable = False
+        object.__setattr__(self, "mask", mask)
+
+    @property
+    def cells(self) -> NDArray[np.bool_]:
+        """Squares of cloth between four nodes, (nx - 1, ny - 1)."""
+        return _cells(self.mask)
+
+    @property
+    def area(self) -> float:
+        """Area of the flat garment, m^2."""
+        return float(self.cells.sum()) * self.spacing**2
+
+    @property
+    def plane(self) -> NDArray[np.float64]:
+        """Places of all nodes in the garment's own plane, its grid's middle at 0, (nx, ny, 2), m."""
+        sides = [(np.arange(n) - 0.5 * (n - 1)) * self.spacing for n in self.mask.shape]
+        return np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1)
+
+
+def outline(name: str, nodes: int) -> Outline:
+    """Return the outline of a garment with `nodes` nodes along its longer side.
+
+    Towel 0.48 x 0.48 m, dishcloth 0.54 x 0.38 m, T-shirt 0.66 x 0.52 m (sleeves spread, collar at
+    +y), trousers 0.34 x 0.56 m (waist at +y). Shirt and trousers are one layer of cloth.
+
+    Raises:
+        InputError: unknown name, or too few or too many nodes.
+    """
+    if name not in _SIZES:
+        raise InputError(f"no garment outline is called {name!r}; try one of {', '.join(NAMES)}")
+    if not FEWEST_NODES <= nodes <= MOST_NODES:
+        raise InputError(
+            f"outline {name!r} of {nodes} nodes; give {FEWEST_NODES} to {MOST_NODES} a side"
+        )
+    size = np.array(_SIZES[name])
+    spacing = float(size.max()) / (nodes - 1)
+    nx, ny = (np.round(size / spacing).astype(int) + 1).tolist()
+    if name in {"towel", "dishcloth"}:
+        return Outline(name, np.ones((nx, ny), dtype=bool), spacing)
+    u = (np.arange(nx - 1) - 0.5 * (nx - 2)) * spacing
+    v = (np.arange(ny - 1) - 0.5 * (ny - 2)) * spacing
+    half = np.array(_TSHIRT if name == "tshirt" else _TROUSERS, dtype=np.float32)
+    corners = np.concatenate([half, half[::-1] * np.array([-1.0, 1.0], dtype=np.float32)])
+    inside = np.array(
+        [[cv2.pointPolygonTest(corners, (float(a), float(b)), False) > 0 for b in v] for a in u]
+    )
+    if name == "tshirt":
+        neck = (u[:, None] / _NECK[0]) ** 2 + ((v[None, :] - 0.5 * size[1]) / _NECK[1]) ** 2
+        inside &= neck > 1.0
+    return Outline(name, _of_cells(inside), spacing)
+
+
+def _cells(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return mask[:-1, :-1] & mask[1:, :-1] & mask[:-1, 1:] & mask[1:, 1:]
+
+
+def _of_cells(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Nodes at the corners of the cells."""
+    wide = np.pad(cells, 1)
+    return wide[:-1, :-1] | wide[1:, :-1] | wide[:-1, 1:] | wide[1:, 1:]

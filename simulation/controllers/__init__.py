@@ -1,0 +1,1 @@
+"""The virtual robot controller: a DX100 that speaks MotoROS."""

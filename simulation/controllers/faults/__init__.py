@@ -1,0 +1,1 @@
+"""Faults that the virtual controller can be told to show."""

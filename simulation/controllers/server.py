@@ -1,0 +1,411 @@
+"""The virtual controller on the network: three ports, as a DX100 with MotoROS has them, and its faults."""
+
+import select
+import socket
+from collections import deque
+from contextlib import suppress
+from math import floor
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from unwrinkle.hardware.motoros.link import TcpLink
+from unwrinkle.hardware.motoros.wire import (
+    Command,
+    Message,
+    MessageType,
+    MotionControl,
+    MotionReply,
+    Result,
+)
+from unwrinkle.models.errors import HardwareError
+from unwrinkle.simulation.controllers.connection import Connection
+from unwrinkle.simulation.controllers.controller import AXES, GROUP_AXES, VirtualController
+from unwrinkle.simulation.controllers.faults.feedback import FeedbackFaults
+from unwrinkle.simulation.controllers.faults.kinds import KINDS, Faults, ServerFault, spoilt
+from unwrinkle.simulation.controllers.faults.replies import (
+    begin_on_pendant,
+    end_on_pendant,
+    io_fault,
+    motion_fault,
+    with_wrong_sequence,
+)
+from unwrinkle.simulation.controllers.reads import Unread, read_messages
+
+__all__ = ["KINDS", "ControllerServer", "ServerFault"]
+
+Array = NDArray[np.float64]
+
+MOTION, STATE, IO = "motion", "state", "io"
+_MOST_CONNECTIONS = {MOTION: 1, STATE: 4, IO: 1}
+#: Bytes that one read brings at most: the room for one message of each firmware.
+_MOST_READ = {"1.9.12": 552, "2013": 152}
+#: Reads of one connection in one poll.
+_MOST_READS = 32
+#: After a gap in its polls the controller makes up so much, s.
+_MADE_UP = 1.0
+# Each axis' group and its place in it.
+_PLACES = [
+    next((g, axes.index(axis)) for g, axes in enumerate(GROUP_AXES) if axis in axes)
+    for axis in range(AXES)
+]
+
+
+class ControllerServer:
+    """Serves one virtual controller.
+
+    Attributes:
+        controller: that it serves.
+        ports: of motion, state and I/O.
+        rejected: what was no message: name of the port, and "size" or "type".
+        events: what happened, with the time since the first poll, s; the newest thousand.
+    """
+
+    def __init__(
+        self,
+        controller: VirtualController,
+        host: str = "127.0.0.1",
+        ports: tuple[int, int, int] = (0, 0, 0),
+        faults: tuple[ServerFault, ...] = (),
+    ) -> None:
+        """Listen.
+
+        Args:
+            controller: to serve.
+            host: address to listen on.
+            ports: of motion, state and I/O; 0 lets the system choose.
+            faults: to commit.
+
+        Raises:
+            HardwareError: a port is taken, or the address is not this machine's.
+        """
+        self.controller = controller
+        self.rejected: deque[tuple[str, str]] = deque(maxlen=1000)
+        self.events: deque[tuple[float, str]] = deque(maxlen=1000)
+        self._faults = Faults(faults)
+        self._feedback = FeedbackFaults(self._faults)
+        self._most_read = _MOST_READ[controller.settings.firmware]
+        self._random = np.random.default_rng(0)
+        self._tiny = any(fault.kind == "tiny_buffers" for fault in faults)
+        self._listeners: dict[str, socket.socket] = {}
+        self._connections: dict[str, list[Connection]] = {MOTION: [], STATE: [], IO: []}
+        self._first: float | None = None
+        self._now = 0.0
+        self._ticks = self._sets = 0
+        self._release = float("inf")
+        self._told = ""
+        try:
+            for name, port in zip((MOTION, STATE, IO), ports, strict=True):
+                self._listeners[name] = self._listen(host, port, name)
+        except HardwareError:
+            self.close()
+            raise
+        self.ports = tuple(s.getsockname()[1] for s in self._listeners.values())
+
+    @property
+    def links(self) -> dict[str, list[TcpLink]]:
+        """The links of "motion", "state" and "io", oldest first."""
+        return {
+            name: [connection.link for connection in connections]
+            for name, connections in self._connections.items()
+        }
+
+    @property
+    def motion(self) -> list[TcpLink]:
+        """The motion connection, if there is one."""
+        return self.links[MOTION]
+
+    @property
+    def state(self) -> list[TcpLink]:
+        """The state connections."""
+        return self.links[STATE]
+
+    @property
+    def io(self) -> list[TcpLink]:
+        """The connection for inputs and outputs, if there is one."""
+        return self.links[IO]
+
+    def poll(
+        self,
+        now: float,
+        measured: ArrayLike | None = None,
+        velocities: ArrayLike | None = None,
+    ) -> None:
+        """Move on to a time: accept, read, answer, interpolate, send feedback. Never blocks.
+
+        Args:
+            now: of any monotonic clock, s.
+            measured, velocities: (13,) of the axes now, rad and rad/s; where left out, those the axes are told.
+        """
+        if self._first is None:
+            self._first = now
+        self._now = max(now - self._first, self._now)
+        self._change_faults()
+        self.answer()
+        self._interpolate()
+        for reply in self.controller.late_replies():
+            self._answer(MOTION, reply)
+        self._send_feedback(measured, velocities)
+        split = self._faults.any_of("split") is not None
+        for name, connections in self._connections.items():
+            for connection in connections:
+                connection.flush(split)
+            self._forget_closed(name)
+
+    def answer(self) -> None:
+        """Accept, read and answer what has come by now, without moving on."""
+        for name in (MOTION, STATE, IO):
+            self._read(name)
+            if self._accept(name):
+                self._read(name)
+        self._go_on()
+
+    def wait(self, most: float) -> None:
+        """Wait until somebody connects or sends, for at most so long, s: a controller answers at once."""
+        links = [link for found in self.links.values() for link in found if not link.closed]
+        with suppress(OSError, ValueError):  # closed meanwhile
+            ends = [link.fileno() for link in links]
+            ends += [listener.fileno() for listener in self._listeners.values()]
+            select.select(ends, [], [], most)
+
+    def commit(self, fault: ServerFault) -> None:
+        """Take on a further fault; its times are those of this server's clock, as ever."""
+        self._faults.add(fault)
+
+    def stop_listening(self, name: str) -> None:
+        """Close the port "motion", "state" or "io": nobody listens there any more."""
+        if listener := self._listeners.pop(name, None):
+            listener.close()
+
+    def close(self) -> None:
+        """Close every connection and port; a second time changes nothing."""
+        for connections in self._connections.values():
+            for connection in connections:
+                connection.link.close()
+            connections.clear()
+        for listener in self._listeners.values():
+            listener.close()
+        self._listeners.clear()
+
+    # ------------------------------------------------------------ connections
+
+    def _listen(self, host: str, port: int, name: str) -> socket.socket:
+        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        try:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            if self._tiny:
+                listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
+                listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)
+            listener.bind((host, port))
+            listener.listen(8)
+            listener.setblocking(False)
+        except OSError as error:
+            listener.close()
+            raise HardwareError(
+                f"virtual controller: cannot listen on {host}:{port} ({name}): "
+                f"{error.strerror or error}; is another one running? Give other ports"
+            ) from None
+        return listener
+
+    def _accept(self, name: str) -> bool:
+        """Take new clients; whether there are any."""
+        new = False
+        for _ in range(8):
+            try:
+                accepted, address = self._listeners[name].accept()
+            except (OSError, KeyError):
+                break
+            link = TcpLink(accepted, f"{name} client {address[0]}:{address[1]}")
+            connections = self._connections[name]
+            full = len(connections) >= _MOST_CONNECTIONS[name]
+            newer = self.controller.settings.firmware != "2013"  # which keeps the older one
+            if full and newer and not any(self.controller.queued):
+                connections[0].link.close(f"replaced by another {name} connection")
+                self._forget_closed(name)
+            ending = name == MOTION and self.controller.parting and any(self.controller.queued)
+            if ending or len(connections) >= _MOST_CONNECTIONS[name]:
+                link.close(f"more than {_MOST_CONNECTIONS[name]} {name} connections")
+                self._tell(f"{link.name} refused: {link.closed}")
+                continue
+            connections.append(Connection(link))
+            self._tell(f"{link.name} connected")
+            if name == MOTION:
+                if any(self.controller.queued):
+                    self._tell("increments that were left in the queues are run")
+                self.controller.connection_made()
+            new = True
+        return new
+
+    def _forget_closed(self, name: str) -> None:
+        connections = self._connections[name]
+        for connection in [c for c in connections if c.link.closed]:
+            connections.remove(connection)
+            who, why = connection.link.name, connection.link.closed
+            self._tell(why if why.startswith(who) else f"{who}: {why}")
+            if name == MOTION:
+                self.controller.connection_lost()
+                if any(self.controller.queued):
+                    self._tell("the queues are not empty; they are run at the next connection")
+
+    def _tell(self, text: str) -> None:
+        self.events.append((self._now, text))
+
+    # ------------------------------------------------------------ messages
+
+    def _read(self, name: str) -> None:
+        """Read what has come and answer it, as the firmware does: read by read."""
+        silent = self._faults.any_of("silent", f"silent_{name}") is not None
+        for connection in self._connections[name]:
+            for _ in range(_MOST_READS):
+                if connection.link.closed or (name == MOTION and self.controller.starting):
+                    break  # busy with the start; what comes waits
+                data = self._one_read(connection, name)
+                if not data:
+                    break
+                if silent or name == STATE:  # which only tells
+                    continue
+                self._take(name, data, connection)
+        self._forget_closed(name)
+
+    def _go_on(self) -> None:
+        """Answer messages that came with a start of trajectory mode, once that is done."""
+        for connection in self._connections[MOTION]:
+            while connection.waiting and not self.controller.starting:
+                self._handle(MOTION, connection.waiting.popleft(), connection)
+
+    def _one_read(self, connection: Connection, name: str) -> bytes:
+        """What the next read brings; faults delay it, or cut it in two."""
+        if slow := self._faults.any_of("slow"):
+            connection.credit += slow.value or 16.0
+            if connection.credit < self._most_read:
+                return b""
+            connection.credit = 0.0
+        if name != MOTION:
+            return connection.link.receive(self._most_read)
+        if rest := connection.rest:
+            connection.rest = b""
+            return rest
+        if together := self._faults.any_of("coalesce"):
+            # What comes within so long of the first byte is read at once.
+            waits = connection.link.wait(0.0)
+            if not waits or connection.link.closed:
+                connection.since = None
+                return connection.link.receive(self._most_read)
+            connection.since = self._now if connection.since is None else connection.since
+            if self._now - connection.since < together.value - 1e-9:
+                return b""
+            connection.since = None
+        data = connection.link.receive(self._most_read)
+        if (cut := self._faults.any_of("cut")) and len(data) > 1:
+            place = min(int(cut.value) or 20, len(data) - 1)
+            connection.rest, data = data[place:], data[:place]
+        return data
+
+    def _take(self, name: str, data: bytes, connection: Connection) -> None:
+        """Answer one read."""
+        found = read_messages(data, self.controller.settings.firmware)
+        if name == MOTION and len(found) > 1 and not any(isinstance(m, Unread) for m in found):
+            self.controller.audit.several(len(found))
+        connection.waiting.extend(found)
+        while connection.waiting and not connection.link.closed:
+            if name == MOTION and self.controller.starting:
+                break
+            self._handle(name, connection.waiting.popleft(), connection)
+
+    def _handle(self, name: str, message: Message | Unread, connection: Connection) -> None:
+        handle = self.controller.handle_io if name == IO else self.controller.handle_motion
+        replies: list[Message] = []
+        if isinstance(message, Unread):
+            self.rejected.append((name, message.name))
+        else:
+            replies = (io_fault if name == IO else motion_fault)(self._faults, message)
+        if replies and not isinstance(message, Unread):
+            self.controller.messages.append((self.controller.time, message))
+        else:
+            replies = handle(message)
+        for reply in replies:
+            self._answer(name, reply)
+        if name == MOTION and _ends(message, replies):
+            connection.link.flush()
+            connection.link.close("disconnected")
+
+    def _answer(self, name: str, reply: Message) -> None:
+        """Send a reply on a port's connection."""
+        if self._faults.any_of("silent", f"silent_{name}") or not self._connections[name]:
+            return
+        if reply.type == MessageType.MOTION_REPLY and self._faults.any_of("wrong_sequence"):
+            reply = with_wrong_sequence(reply)
+        self._write(self._connections[name][0], reply, name)
+
+    def _write(self, connection: Connection, message: Message, name: str) -> None:
+        data = spoilt(message.encode(), self._faults, name == MOTION, self._random)
+        connection.send(data, self._faults.any_of("split") is not None)
+
+    # ------------------------------------------------------------ time
+
+    def _interpolate(self) -> None:
+        period = self.controller.settings.period
+        due = floor(self._now / period + 1e-6)
+        self._ticks = max(self._ticks, due - floor(_MADE_UP / period + 1e-6))
+        while self._ticks < due:
+            self._ticks += 1
+            self.controller.advance()
+
+    def _send_feedback(self, measured: ArrayLike | None, velocities: ArrayLike | None) -> None:
+        """Send a set of feedback each period, never several to make up."""
+        due = floor(self._now / self.controller.settings.feedback_period + 1e-6) + 1
+        if due <= self._sets:
+            return
+        self._sets = due
+        q = (
+            self.controller.axis_positions
+            if measured is None
+            else np.asarray(measured, dtype=float)
+        )
+        v = (
+            self.controller.axis_velocities
+            if velocities is None
+            else np.asarray(velocities, dtype=float)
+        )
+        q, v = self._feedback.measured(q, v, self._now)
+        messages = self._feedback.messages(self.controller.feedback(q, v), _PLACES)
+        sets = self._feedback.due(messages, self._now)
+        if self._faults.any_of("silent", "silent_state"):
+            return
+        for connection in self._connections[STATE]:
+            for message in sets:
+                self._write(connection, message, STATE)
+
+    # ------------------------------------------------------------ faults
+
+    def _change_faults(self) -> None:
+        controller = self.controller
+        begun, ended = self._faults.update(self._now, controller.points)
+        for fault in begun:
+            self._tell(f"fault {fault.kind} begins: {KINDS[fault.kind]}")
+            begin_on_pendant(controller, fault)
+            if fault.kind == "e_stop_released":
+                self._release = self._now + fault.value
+            self._close_for(fault)
+        for fault in ended:
+            self._tell(f"fault {fault.kind} ends")
+            end_on_pendant(controller, fault)
+        if self._now >= self._release:
+            self._release = float("inf")
+            controller.release_e_stop()
+            self._tell("the emergency stop is released")
+
+    def _close_for(self, fault: ServerFault) -> None:
+        for name, connections in self._connections.items():
+            if fault.kind in (f"close_{name}", "close_all"):
+                for connection in connections:
+                    connection.link.close(f"fault {fault.kind}")
+                self._forget_closed(name)
+
+
+def _ends(message: Message | Unread, replies: list[Message]) -> bool:
+    """Whether the message is a DISCONNECT that was not refused."""
+    if isinstance(message, Unread) or message.type != MessageType.MOTION_CTRL:
+        return False
+    asked = MotionControl.of(message).command == Command.DISCONNECT
+    return asked and (not replies or MotionReply.of(replies[0]).result == Result.SUCCESS)

@@ -1,0 +1,1 @@
+"""Models of depth cameras: structured light and time of flight."""

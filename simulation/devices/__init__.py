@@ -1,0 +1,1 @@
+"""Virtual grippers and pan-tilt units."""

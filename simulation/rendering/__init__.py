@@ -1,0 +1,1 @@
+"""Rendered pictures of the cell and of known shapes."""

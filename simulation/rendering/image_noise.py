@@ -1,0 +1,334 @@
+"""From the renderer's ideal picture to a photograph: lens, sensor, and the pair that two eyes take.
+
+The lens' distortion and blur are one sum: each pixel is a Gaussian mean of the ideal picture around
+the place that its ray comes from. A Gaussian of 0.4 pixels or more is itself a good interpolator,
+so nothing else blurs the picture, and places are exact (cv2.remap rounds them to 1/32 pixel).
+"""
+
+import dataclasses as dc
+from dataclasses import dataclass
+from math import ceil
+from typing import Any
+
+import cv2
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.models.errors import InputError
+from unwrinkle.perception.camera import Camera
+from unwrinkle.simulation.rendering.renderer import Renderer
+
+_PHASES = 1024
+_REACH = 3.3  # the blur's sum goes this many sigmas far
+_INVERSIONS = 12  # fixed-point steps; each gains a factor of 20 or more
+_STRIP = 256
+_SEGMENT = 8  # places are exact at every 8th pixel of a row, between them to 0.0003 pixels
+_LEAST_BLUR = 0.4
+_GREY = np.array([0.299, 0.587, 0.114], dtype=np.float32)
+
+
+@dataclass(frozen=True)
+class SensorModel:
+    """What lens and sensor do to a picture.
+
+    Attributes:
+        blur: sigma of the lens' blur, pixels.
+        vignetting: loss of light in the image's corners, growing with the square of the distance
+            from its middle; 0.15 is 15 %.
+        mismatch: the left eye is brighter by this share, half of it each way.
+        shot_gain: grey levels per photo-electron: variance per grey level.
+        read_noise: standard deviation in the dark, grey levels.
+
+    Raises:
+        InputError: a negative number, or a blur that is neither 0 nor at least 0.4.
+    """
+
+    blur: float = 0.6
+    vignetting: float = 0.12
+    mismatch: float = 0.04
+    shot_gain: float = 0.35
+    read_noise: float = 1.2
+
+    def __post_init__(self) -> None:
+        """Refuse what no sensor does."""
+        values = dc.astuple(self)
+        if not np.isfinite(values).all() or min(self.blur, self.shot_gain, self.read_noise) < 0.0:
+            raise InputError(f"sensor model: {self} has a negative number, or one not finite")
+        if 0.0 < self.blur < _LEAST_BLUR or self.blur > 8.0:
+            raise InputError(
+                f"sensor model: blur {self.blur} px, wanted 0 or {_LEAST_BLUR} to 8; a narrower "
+                "one cannot interpolate"
+            )
+        if not (0.0 <= self.vignetting < 1.0 and abs(self.mismatch) < 1.0):
+            raise InputError(f"sensor model: {self} needs vignetting 0 to 1, mismatch -1 to 1")
+
+
+#: Neither blur nor noise nor uneven light.
+IDEAL = SensorModel(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def oversized(camera: Camera, model: SensorModel | None = None) -> Camera:
+    """Pinhole camera of the same focal lengths that sees all that the distorted one sees.
+
+    Raises:
+        InputError: the distortion folds the image over itself.
+    """
+    reach = 1 + _reach((model or SensorModel()).blur)
+    low, high = _undistorted_bounds(camera)
+    left, top = (max(0, ceil(-value)) + reach for value in low)
+    right = max(0, ceil(high[0] - (camera.width - 1))) + reach
+    below = max(0, ceil(high[1] - (camera.height - 1))) + reach
+    return dc.replace(
+        camera,
+        distortion=[],
+        width=camera.width + left + right,
+        height=camera.height + top + below,
+        cx=camera.cx + left,
+        cy=camera.cy + top,
+    )
+
+
+def photograph(
+    ideal: NDArray[np.uint8],
+    ideal_camera: Camera,
+    camera: Camera,
+    model: SensorModel | None = None,
+    *,
+    seed: int,
+    gain: float = 1.0,
+) -> NDArray[np.uint8]:
+    """What the camera's sensor gives of an ideal picture.
+
+    The noise is that of the grey value, alike in the three channels: matching works on grey, and
+    channels with noise of their own would average it down.
+
+    Args:
+        ideal: (h', w', 3) or (h', w') uint8, as `ideal_camera` sees it.
+        ideal_camera: of `oversized(camera)`.
+        camera: with its distortion.
+        model: of lens and sensor; None takes the default.
+        seed: of the noise.
+        gain: brightness of this eye.
+
+    Returns:
+        (h, w, 3) or (h, w) uint8 of the camera's own size.
+
+    Raises:
+        InputError: the ideal picture has not the size of its camera.
+    """
+    model = model or SensorModel()
+    if ideal.shape[:2] != (ideal_camera.height, ideal_camera.width):
+        raise InputError(
+            f"photograph: the picture is {ideal.shape[1]} x {ideal.shape[0]}, its camera "
+            f"{ideal_camera.width} x {ideal_camera.height}; pass what was rendered with it"
+        )
+    source = np.ascontiguousarray(ideal if ideal.ndim == 3 else ideal[..., None])
+    result = np.empty((camera.height, camera.width, source.shape[2]), dtype=np.uint8)
+    weights = _blur_weights(model.blur)
+    lens = _lens(camera)
+    shift = np.array([ideal_camera.cx - camera.cx, ideal_camera.cy - camera.cy])
+    rng = np.random.default_rng(seed)
+    grey = _GREY if source.shape[2] == 3 else np.ones(source.shape[2], dtype=np.float32)
+    for top in range(0, camera.height, _STRIP):
+        rows = min(_STRIP, camera.height - top)
+        light = np.empty((rows, camera.width, source.shape[2]), dtype=np.float32)
+        _resample(source, weights, lens, shift, top, light)
+        light *= np.float32(gain) * _vignette(camera, model.vignetting, top, rows)[..., None]
+        if model.shot_gain > 0.0 or model.read_noise > 0.0:
+            variance = np.float32(model.shot_gain) * (light @ grey)
+            variance += np.float32(model.read_noise**2)
+            noise = rng.standard_normal(variance.shape, dtype=np.float32)
+            light += (noise * np.sqrt(variance))[..., None]
+        np.clip(np.rint(light, out=light), 0.0, 255.0, out=light)
+        result[top : top + rows] = light
+    return result if ideal.ndim == 3 else result[..., 0]
+
+
+def photograph_pair(
+    renderer: Renderer,
+    eyes: tuple[Camera, NDArray[np.floating[Any]], Camera, NDArray[np.floating[Any]]],
+    seed: int,
+    *,
+    scale: float = 1.0,
+    colour: bool = True,
+    model: SensorModel | None = None,
+    quality: int | None = None,
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Photograph a scene with two cameras at once.
+
+    Args:
+        renderer: the scene.
+        eyes: left camera, its pose X_WL (4, 4), right camera, its pose X_WR.
+        seed: of the noise; another one for each look.
+        scale: 1, or 1/2, 1/4, 1/8...: area averages of the full photographs, as `scaled_camera`
+            describes them.
+        colour: RGB pictures, else grey ones.
+        model: of lens and sensor; None takes the default.
+        quality: samples per pixel along either axis, see `Renderer.colour`; None takes 2 for full
+            photographs, 1 where they are averaged down anyway.
+
+    Returns:
+        Left and right picture, (h, w, 3) or (h, w) uint8.
+
+    Raises:
+        InputError: a scale that does not divide the images.
+    """
+    model = model or SensorModel()
+    left, X_WL, right, X_WR = eyes
+    quality = quality or (2 if scale == 1.0 else 1)
+    seeds = np.random.SeedSequence(seed).generate_state(2)
+    pictures = []
+    for camera, X_WC, own_seed, side in (
+        (left, X_WL, seeds[0], 1.0),
+        (right, X_WR, seeds[1], -1.0),
+    ):
+        small = scaled_camera(camera, scale)
+        wide = oversized(camera, model)
+        ideal = renderer.colour(wide, X_WC, quality=quality)
+        if not colour:
+            ideal = np.asarray(cv2.cvtColor(ideal, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+        gain = 1.0 + 0.5 * side * model.mismatch
+        taken = photograph(ideal, wide, camera, model, seed=int(own_seed), gain=gain)
+        if scale != 1.0:
+            size = (small.width, small.height)
+            taken = np.asarray(cv2.resize(taken, size, interpolation=cv2.INTER_AREA), np.uint8)
+        pictures.append(taken)
+    return pictures[0], pictures[1]
+
+
+def scaled_camera(camera: Camera, scale: float) -> Camera:
+    """Intrinsics of a picture averaged down over blocks of 1/scale x 1/scale pixels.
+
+    Raises:
+        InputError: 1/scale is no whole number, or does not divide the image.
+    """
+    block = round(1.0 / scale) if 0.0 < scale <= 1.0 else 0
+    if block < 1 or abs(block * scale - 1.0) > 1e-9:
+        raise InputError(f"scale {scale}: wanted 1, 1/2, 1/3, 1/4 and so on")
+    if camera.width % block or camera.height % block:
+        raise InputError(
+            f"scale {scale}: {camera.width} x {camera.height} pixels make no whole blocks of "
+            f"{block} x {block}; take 1, 0.5, 0.25 or 0.125"
+        )
+    return camera.scaled(1.0 / block)
+
+
+def _reach(blur: float) -> int:
+    return max(1, ceil(_REACH * blur))
+
+
+def _blur_weights(blur: float) -> NDArray[np.float32]:
+    """Weights (phases, taps) of the pixels around a place, by the fraction of its coordinate."""
+    reach = _reach(blur)
+    taps = np.arange(1 - reach, 1 + reach, dtype=float)
+    away = taps - ((np.arange(_PHASES) + 0.5) / _PHASES)[:, None]
+    if blur == 0.0:
+        weights = np.maximum(
+            0.0, 1.0 - np.abs(away)
+        )  # bilinear: exact where there is no distortion
+        weights[0] = taps == 0.0
+    else:
+        weights = np.exp(-0.5 * (away / blur) ** 2)
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True), dtype=np.float32)
+
+
+def _lens(camera: Camera) -> NDArray[np.float64]:
+    """Return fx, fy, cx, cy, k1, k2, p1, p2, k3."""
+    lens = np.zeros(9)
+    lens[:4] = camera.fx, camera.fy, camera.cx, camera.cy
+    lens[4 : 4 + len(camera.distortion)] = camera.distortion
+    return lens
+
+
+def _undistorted_bounds(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Least and greatest ideal pixel coordinates, each (2,), of the image's border."""
+    u = np.linspace(0.0, camera.width - 1.0, 65)
+    v = np.linspace(0.0, camera.height - 1.0, 65)
+    border = np.concatenate(
+        [np.column_stack([u, np.full(65, end)]) for end in (v[0], v[-1])]
+        + [np.column_stack([np.full(65, end), v]) for end in (u[0], u[-1])]
+    )
+    lens = _lens(camera)
+    ideal = np.array([_undistorted(lens, a, b) for a, b in border])
+    rays = (ideal - lens[2:4]) / lens[:2]
+    back = camera.project(np.column_stack([rays, np.ones(len(rays))]))
+    if not np.isfinite(ideal).all() or np.abs(back - border).max() > 1e-3:
+        raise InputError(
+            f"camera {camera.name!r}: distortion {camera.distortion} folds the image over itself "
+            "at its border; calibrate again"
+        )
+    return ideal.min(axis=0), ideal.max(axis=0)
+
+
+def _vignette(camera: Camera, loss: float, top: int, rows: int) -> NDArray[np.float32]:
+    """Share of the light (rows, width) that reaches the sensor."""
+    middle = np.array([camera.width - 1, camera.height - 1]) / 2.0
+    x = (np.arange(camera.width) - middle[0]) ** 2
+    y = (np.arange(top, top + rows) - middle[1]) ** 2
+    share = 1.0 - loss / float(middle @ middle) * (y[:, None] + x)
+    return np.asarray(share, dtype=np.float32)
+
+
+@numba.njit(cache=True)
+def _undistorted(lens: NDArray[np.float64], u: float, v: float) -> tuple[float, float]:
+    """Pixel that an ideal camera has for the ray of pixel (u, v); inverts OpenCV's distortion."""
+    x_seen, y_seen = (u - lens[2]) / lens[0], (v - lens[3]) / lens[1]
+    x, y = x_seen, y_seen
+    for _ in range(_INVERSIONS):
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (lens[4] + r2 * (lens[5] + r2 * lens[8]))
+        dx = 2.0 * lens[6] * x * y + lens[7] * (r2 + 2.0 * x * x)
+        dy = lens[6] * (r2 + 2.0 * y * y) + 2.0 * lens[7] * x * y
+        x, y = (x_seen - dx) / radial, (y_seen - dy) / radial
+    return x * lens[0] + lens[2], y * lens[1] + lens[3]
+
+
+@numba.njit(cache=True, parallel=True, fastmath=True)
+def _resample(
+    source: NDArray[np.uint8],
+    weights: NDArray[np.float32],
+    lens: NDArray[np.float64],
+    shift: NDArray[np.float64],
+    top: int,
+    result: NDArray[np.float32],
+) -> None:
+    """Fill rows of the photograph (rows, width, channels), the first of which is row `top`."""
+    rows, width, channels = result.shape
+    height_in, width_in = source.shape[:2]
+    phases, taps = weights.shape
+    before = taps // 2 - 1
+    for i in numba.prange(rows):
+        u_next, v_next = _undistorted(lens, 0.0, float(i + top))
+        u, v, u_step, v_step = u_next, v_next, 0.0, 0.0
+        for j in range(width):
+            if j % _SEGMENT == 0:
+                u, v = u_next, v_next
+                u_next, v_next = _undistorted(lens, float(j + _SEGMENT), float(i + top))
+                u_step, v_step = (u_next - u) / _SEGMENT, (v_next - v) / _SEGMENT
+                # A coordinate a hair below a whole number must not take the pixel before it.
+                u += shift[0] + 1e-9
+                v += shift[1] + 1e-9
+            else:
+                u += u_step
+                v += v_step
+            column, row = int(np.floor(u)), int(np.floor(v))
+            across, down = int((u - column) * phases), int((v - row) * phases)
+            column = min(max(column - before, 0), width_in - taps)
+            row = min(max(row - before, 0), height_in - taps)
+            if channels == 3:
+                red, green, blue = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+                for k in range(taps):
+                    for m in range(taps):
+                        weight = weights[down, k] * weights[across, m]
+                        red += weight * np.float32(source[row + k, column + m, 0])
+                        green += weight * np.float32(source[row + k, column + m, 1])
+                        blue += weight * np.float32(source[row + k, column + m, 2])
+                result[i, j, 0], result[i, j, 1], result[i, j, 2] = red, green, blue
+            else:
+                grey = np.float32(0.0)
+                for k in range(taps):
+                    for m in range(taps):
+                        weight = weights[down, k] * weights[across, m]
+                        grey += weight * np.float32(source[row + k, column + m, 0])
+                result[i, j, 0] = grey

@@ -1,0 +1,35 @@
+"""The captures that the package ships: `python -m unwrinkle.simulation.rendering.shipped_captures [FOLDER]`.
+
+Made by this project's generator from a seed; the same command makes the same file again.
+"""
+
+import sys
+from pathlib import Path
+
+from unwrinkle.models import models_dir
+from unwrinkle.perception.camera import load_camera
+from unwrinkle.perception.depth.capture import Capture, save_capture
+from unwrinkle.simulation.rendering.synthetic_towel import capture_of, overhead_pose, wrinkled_towel
+
+SEED = 7
+_CAMERA = "bench-stereo"
+_CAMERA_HEIGHT = 1.40  # above the table
+_DEPTH_UNIT = 0.00005
+
+
+def towel_capture(seed: int = SEED) -> Capture:
+    """Capture the shipped towel with the ideal range camera and 0.1 mm of noise."""
+    towel = wrinkled_towel(seed)
+    X_WC = overhead_pose(0.0, towel.centre[1], towel.table_height + _CAMERA_HEIGHT)
+    return capture_of(towel, load_camera(_CAMERA), X_WC, seed=seed)
+
+
+def write(folder: Path) -> Path:
+    """Write `towel.npz` into the folder and return its path."""
+    path = folder / "towel.npz"
+    save_capture(path, towel_capture(), depth_unit=_DEPTH_UNIT, jpeg_quality=85)
+    return path
+
+
+if __name__ == "__main__":
+    write(Path(sys.argv[1]) if len(sys.argv) > 1 else models_dir() / "captures")

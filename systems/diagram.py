@@ -1,0 +1,160 @@
+"""The diagram: station, perception, analysis, planner, verification and supervisor, wired from one scenario."""
+
+from dataclasses import dataclass
+
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
+
+from unwrinkle.flattening.policy import Memory
+from unwrinkle.flattening.state import Situation, SupervisorSettings
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.robot import Cell
+from unwrinkle.perception.stereo.head import StereoHead
+from unwrinkle.planning.search.settings import PlannerSettings
+from unwrinkle.systems.perception.analysis import WrinkleAnalysis
+from unwrinkle.systems.perception.depth import DepthPerception
+from unwrinkle.systems.perception.ground_truth import TruePerception
+from unwrinkle.systems.perception.stereo import StereoPerception
+from unwrinkle.systems.planning.planner import FlatteningPlanner
+from unwrinkle.systems.planning.verification import Approve, PlanVerification
+from unwrinkle.systems.station.world import SimulatedStation
+from unwrinkle.systems.supervisor import FlatteningSupervisor
+
+#: Names of the subsystems.
+STATION, PERCEPTION, ANALYSIS = "station", "perception", "analysis"
+PLANNER, VERIFICATION, SUPERVISOR = "planner", "verification", "supervisor"
+
+#: From which output to which input, but for the pictures: those of the sensor are added.
+WIRES = (
+    (PERCEPTION, "range_map", ANALYSIS, "range_map"),
+    (PERCEPTION, "exposed", SUPERVISOR, "exposed"),
+    (PERCEPTION, "range_map", SUPERVISOR, "range_map"),
+    (ANALYSIS, "analysis", PLANNER, "analysis"),
+    (ANALYSIS, "analysis", SUPERVISOR, "analysis"),
+    (SUPERVISOR, "request", PLANNER, "request"),
+    (PLANNER, "plan", VERIFICATION, "plan"),
+    (PLANNER, "plan", SUPERVISOR, "plan"),
+    (VERIFICATION, "verdict", SUPERVISOR, "verdict"),
+    (STATION, "joints.position_measured", SUPERVISOR, "joints.position_measured"),
+    (STATION, "joints.velocity_measured", SUPERVISOR, "joints.velocity_measured"),
+    (STATION, "controller.status", SUPERVISOR, "controller.status"),
+    (STATION, "gripper.status", SUPERVISOR, "gripper.status"),
+    (SUPERVISOR, "trajectory", STATION, "trajectory"),
+    (SUPERVISOR, "gripper.command", STATION, "gripper.command"),
+    (SUPERVISOR, "head.command", STATION, "head.command"),
+    (SUPERVISOR, "speed_override", STATION, "speed_override"),
+)
+PICTURES = {
+    "stereo": (
+        (STATION, "head.left_image", PERCEPTION, "left_image"),
+        (STATION, "head.right_image", PERCEPTION, "right_image"),
+    ),
+    "depth": ((STATION, "depth_camera.image", PERCEPTION, "image"),),
+    "truth": (
+        (STATION, "depth_camera.image", PERCEPTION, "image"),
+        (STATION, "truth.cloth", PERCEPTION, "cloth"),
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Link:
+    """A connection of a diagram: from an output port to an input port."""
+
+    source: str
+    output: str
+    target: str
+    input: str
+
+
+def build_flattening_diagram(
+    cell: Cell,
+    station: Diagram,
+    head: StereoHead,
+    *,
+    settings: SupervisorSettings | None = None,
+    planner: PlannerSettings | None = None,
+    memory: Memory | None = None,
+    approve: Approve | None = None,
+    seed: int = 0,
+) -> Diagram:
+    """Wire the loop around a station.
+
+    Args:
+        cell: the robot in its cell; its scenario names the sensor and the rules of the loop.
+        station: any system with the ports of `ports`.
+        head: as calibrated; what perception believes.
+        settings: of the supervisor.
+        planner: settings of the planner.
+        memory: of a run that goes on.
+        approve: asked about each plan that is safe; None approves.
+        seed: of perception's random choices.
+
+    Raises:
+        InputError: the sensor looks at the truth, and the station is not simulated.
+
+    Returns:
+        A diagram with the input `interrupt`, vector (1,), which may be left unconnected. Its subsystems have the names
+        above.
+    """
+    builder = DiagramBuilder()
+    kind = cell.scenario.sensor.kind
+    perception = _perception(cell, station, head, seed)
+    supervisor = FlatteningSupervisor(cell, head, settings=settings, memory=memory)
+    systems = {
+        STATION: station,
+        PERCEPTION: perception,
+        ANALYSIS: WrinkleAnalysis(cell),
+        PLANNER: FlatteningPlanner(cell, planner),
+        VERIFICATION: PlanVerification(cell, approve),
+        SUPERVISOR: supervisor,
+    }
+    for name, system in systems.items():
+        system.set_name(name)
+        builder.AddSystem(system)
+    for source, output, target, input_port in (*WIRES, *PICTURES[kind]):
+        builder.Connect(
+            systems[source].GetOutputPort(output), systems[target].GetInputPort(input_port)
+        )
+    builder.ExportInput(supervisor.GetInputPort("interrupt"), "interrupt")
+    diagram = builder.Build()
+    diagram.set_name("flattening")
+    return diagram
+
+
+def _perception(cell: Cell, station: Diagram, head: StereoHead, seed: int) -> LeafSystem:
+    kind = cell.scenario.sensor.kind
+    if kind == "stereo":
+        return StereoPerception(cell, head, seed=seed)
+    if kind == "depth":
+        return DepthPerception(cell, seed=seed)
+    if not isinstance(station, SimulatedStation):
+        raise InputError("sensor truth: only a simulated cloth is known; choose stereo or depth")
+    state = station.GetOutputPort("truth.cloth").Allocate().get_value()
+    return TruePerception(station.cloth, state, seed=seed)
+
+
+def situation(diagram: Diagram, context: Context) -> Situation:
+    """What the supervisor of a diagram knows, does and remembers; `context` is the diagram's."""
+    supervisor = diagram.GetSubsystemByName(SUPERVISOR)
+    assert isinstance(supervisor, FlatteningSupervisor)
+    return supervisor.situation(supervisor.GetMyContextFromRoot(context))
+
+
+def links(diagram: Diagram) -> tuple[Link, ...]:
+    """The connections of a diagram as it was built, in order of the receiving systems and ports."""
+    systems = diagram.GetSystems()
+    order = {system: index for index, system in enumerate(systems)}
+    found = [
+        (
+            order[receiver],
+            int(to),
+            Link(
+                sender.get_name(),
+                sender.get_output_port(of).get_name(),
+                receiver.get_name(),
+                receiver.get_input_port(to).get_name(),
+            ),
+        )
+        for (receiver, to), (sender, of) in diagram.connection_map().items()
+    ]
+    return tuple(link for _, _, link in sorted(found, key=lambda item: item[:2]))

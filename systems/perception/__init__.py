@@ -1,0 +1,1 @@
+"""Perception as Drake systems."""

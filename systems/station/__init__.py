@@ -1,0 +1,1 @@
+"""The station in its three forms: simulated, loopback, hardware."""

@@ -1,0 +1,111 @@
+"""The arms' controller as a system: the trajectory player at the plant's period, status at its own."""
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import Value
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+
+from unwrinkle.flattening.station_messages import ControllerStatus, TrajectoryCommand
+from unwrinkle.models.robot import Cell
+from unwrinkle.simulation.arms.track import Track
+from unwrinkle.simulation.arms.trajectory_player import (
+    PlayerLimits,
+    PlayerSettings,
+    PlayerState,
+    TrajectoryPlayer,
+)
+from unwrinkle.systems.held import held, hold, model
+
+Array = NDArray[np.float64]
+
+
+class ArmController(LeafSystem):
+    """Runs trajectories on the thirteen axes.
+
+    Inputs: `trajectory`, `speed_override` (1,; one if left open), `position` and `velocity` (13,).
+    Outputs: `status`, renewed at the feedback period; `desired` (26,) for the servos, in the order
+    of `connect_servos`; `reference` (14,): the axes' reference and the number of the trajectory
+    that runs, 0 at rest.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        start: Array,
+        *,
+        step: float,
+        feedback_period: float,
+        settings: PlayerSettings | None = None,
+    ) -> None:
+        """Begin at rest at a start (13,), rad; periods in s."""
+        super().__init__()
+        self.set_name("controller")
+        # A plan may be for any speed up to the catalogue's; those are what the controller refuses.
+        catalogue = cell.with_speed(1.0).limits
+        limits = PlayerLimits(
+            catalogue.lower, catalogue.upper, catalogue.velocity, catalogue.acceleration
+        )
+        self._player = TrajectoryPlayer(limits, tuple(cell.robot.axes), settings)
+        self._step = step
+        self._command = self.DeclareAbstractInputPort("trajectory", Value(TrajectoryCommand()))
+        self._override = self.DeclareVectorInputPort("speed_override", BasicVector(1))
+        self._position = self.DeclareVectorInputPort("position", BasicVector(13))
+        self._velocity = self.DeclareVectorInputPort("velocity", BasicVector(13))
+        self._state = self.DeclareAbstractState(model(self._player.at_rest(start)))
+        self._status = self.DeclareAbstractState(model(ControllerStatus()))
+        states = {self.abstract_state_ticket(self._state)}
+        self.DeclareVectorOutputPort("desired", BasicVector(26), self._desired, states)
+        self.DeclareVectorOutputPort("reference", BasicVector(14), self._reference, states)
+        self.DeclareAbstractOutputPort(
+            "status",
+            lambda: Value(ControllerStatus()),
+            lambda context, output: output.set_value(held(context, self._status)),
+            {self.abstract_state_ticket(self._status)},
+        )
+        self.DeclarePeriodicUnrestrictedUpdateEvent(step, 0.0, self._advance)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(feedback_period, 0.0, self._report)
+
+    def player_state(self, context: Context) -> PlayerState:
+        """What the player knows; `context` is this system's."""
+        state: PlayerState = held(context, self._state)
+        return state
+
+    def _advance(self, context: Context, state: State) -> None:
+        now = self.player_state(context)
+        position = self._position.Eval(context)
+        command: TrajectoryCommand = self._command.Eval(context)
+        if command.number > now.command:
+            trajectory = command.trajectory
+            track = None
+            if trajectory is not None:
+                track = Track(trajectory.times, trajectory.positions, trajectory.velocities)
+            now = self._player.accept(now, command.number, track, position, command.name)
+        if now.track is not None:
+            override = 1.0
+            if self._override.HasValue(context):
+                override = float(self._override.Eval(context)[0])
+            velocity = self._velocity.Eval(context)
+            now = self._player.advance(now, self._step, override, position, velocity)
+        hold(state, self._state, now)
+
+    def _report(self, context: Context, state: State) -> None:
+        now: PlayerState = state.get_abstract_state(int(self._state)).get_value().value
+        status = ControllerStatus(
+            state=now.mode,
+            command=now.command,
+            completed=now.completed,
+            progress=now.s if now.track is not None else 0.0,
+            reason=now.reason,
+        )
+        hold(state, self._status, status)
+
+    def _desired(self, context: Context, output: BasicVector) -> None:
+        # The servos take one step of the plant to get there.
+        q, v = self._player.reference(self.player_state(context), self._step)
+        wanted = (q[:1], v[:1], q[1:7], v[1:7], q[7:], v[7:])
+        output.SetFromVector(np.concatenate(wanted))
+
+    def _reference(self, context: Context, output: BasicVector) -> None:
+        now = self.player_state(context)
+        number = now.number if now.track is not None else 0
+        output.SetFromVector(np.append(self._player.reference(now)[0], number))

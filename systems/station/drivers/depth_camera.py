@@ -1,0 +1,127 @@
+"""A real depth camera behind the station's ports: one exposure for every head command, once the axes are at rest."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
+
+from unwrinkle.flattening.station_messages import DepthImage, HeadCommand, HeadImage
+from unwrinkle.hardware.cameras.openni import DepthPicture, OpenNi2Camera
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.robot import Cell
+from unwrinkle.perception.depth.capture import Capture
+from unwrinkle.simulation.depth_cameras.cameras import load_depth_camera
+from unwrinkle.simulation.rendering.synthetic_towel import overhead_pose
+from unwrinkle.systems.held import held, hold, model
+from unwrinkle.systems.station.cameras import AXES_STILL, OFF_BEAT
+from unwrinkle.systems.station.drivers.device_clock import Clock, diagram_time
+
+#: Why there is no picture of the head.
+NO_HEAD = "the head's cameras are not in use"
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """The last exposure; `asked` is the head command that one under way will answer."""
+
+    image: DepthImage
+    asked: int = 0
+
+
+class DepthCameraDriverSystem(LeafSystem):
+    """The scenario's depth camera, fixed over the table; the head is neither turned nor looked through.
+
+    Inputs: `command` (`HeadCommand`, of which the number alone counts), `velocity` (13,) of the axes.
+    Outputs: `depth_image` (`DepthImage`); `left_image`, `right_image` (`HeadImage`, always without a picture), which answer
+    the same commands; `head_position` (4,), zero: nothing is known of where the head stands. Images change with an exposure
+    and at no other time.
+    """
+
+    def __init__(
+        self, cell: Cell, camera: OpenNi2Camera, *, period: float, clock: Clock = diagram_time
+    ) -> None:
+        """Wrap a camera.
+
+        Args:
+            cell: its scenario names the camera's model, whose intrinsics count, and its place.
+            camera: polled here.
+            period: of polls, s.
+            clock: that the camera goes by.
+
+        Raises:
+            InputError: an unknown depth camera.
+        """
+        super().__init__()
+        self.set_name("cameras")
+        self._camera, self._clock = camera, clock
+        sensor = cell.scenario.sensor
+        self._model = load_depth_camera(sensor.depth_camera)
+        x, y, z = sensor.depth_camera_place
+        self._X_WC = overhead_pose(x, y, z)
+        self._command = self.DeclareAbstractInputPort("command", Value(HeadCommand()))
+        self._velocity = self.DeclareVectorInputPort("velocity", BasicVector(13))
+        nothing = "nothing was exposed yet"
+        first = _Look(DepthImage(reason=nothing))
+        self._look = self.DeclareAbstractState(model(first))
+        tickets = {self.abstract_state_ticket(self._look)}
+        for name in ("left_image", "right_image"):
+            self.DeclareAbstractOutputPort(
+                name, lambda: Value(HeadImage(reason=nothing)), self._head_image, tickets
+            )
+        self.DeclareAbstractOutputPort(
+            "depth_image",
+            lambda: Value(first.image),
+            lambda context, output: output.set_value(held(context, self._look).image),
+            tickets,
+        )
+        self.DeclareVectorOutputPort(
+            "head_position",
+            BasicVector(4),
+            lambda context, output: output.SetFromVector(np.zeros(4)),
+            {self.nothing_ticket()},
+        )
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, OFF_BEAT, self._update)
+
+    def _head_image(self, context: Context, output: Value) -> None:
+        image: DepthImage = held(context, self._look).image
+        reason = NO_HEAD if image.number else image.reason
+        output.set_value(HeadImage(image.number, None, time=image.time, reason=reason))
+
+    def _update(self, context: Context, state: State) -> EventStatus:
+        look: _Look = held(context, self._look)
+        self._camera.poll(self._clock(context.get_time()))
+        resting = bool(np.abs(self._velocity.Eval(context)).max() <= AXES_STILL)
+        if look.asked > look.image.number:
+            picture = self._camera.result
+            if picture is None or picture.number != look.asked:
+                return EventStatus.DidNothing()
+            image = self._taken(picture, context.get_time(), resting)
+            hold(state, self._look, _Look(image, look.asked))
+            return EventStatus.Succeeded()
+        number = self._command.Eval(context).number
+        if number <= look.image.number or not resting:
+            return EventStatus.DidNothing()
+        self._camera.start(number)
+        hold(state, self._look, _Look(look.image, number))
+        return EventStatus.Succeeded()
+
+    def _taken(self, picture: DepthPicture, now: float, resting: bool) -> DepthImage:
+        """The picture as a capture; arms that moved meanwhile spoil it."""
+        reason = picture.reason
+        if not resting:
+            reason = reason or "the robot moved during the exposure"
+        if reason or picture.depth is None:
+            return DepthImage(picture.number, None, now, reason)
+        try:
+            capture = Capture(
+                picture.depth,
+                self._model.camera,
+                picture.colour,
+                colour_registered=picture.colour is not None,
+                X_WC=self._X_WC,
+                name=self._model.name,
+            )
+        except InputError as error:  # another size than the model's, or too little depth
+            return DepthImage(picture.number, None, now, str(error))
+        return DepthImage(picture.number, capture, now)

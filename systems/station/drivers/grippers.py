@@ -1,0 +1,84 @@
+"""The grippers' driver behind the station's ports."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from pydrake.common.value import Value
+from pydrake.systems.framework import Context, LeafSystem, State
+
+from unwrinkle.flattening.station_messages import GripperCommand, GripperStatus
+from unwrinkle.hardware.grippers.base import Grippers
+from unwrinkle.hardware.run_log.protocol import NoLog, RunLogger
+from unwrinkle.systems.held import held, hold, model
+from unwrinkle.systems.station.drivers.device_clock import Clock, diagram_time
+
+
+class GripperDriverSystem(LeafSystem):
+    """The driver of both grippers.
+
+    Inputs: `command`. Outputs: `status`; a gripper that does not measure its opening reports the open one's or none.
+    """
+
+    def __init__(
+        self,
+        grippers: Grippers,
+        opening: float,
+        *,
+        period: float,
+        clock: Clock = diagram_time,
+        open_first: bool = False,
+        log: RunLogger | None = None,
+    ) -> None:
+        """Wrap a driver.
+
+        Args:
+            grippers: the driver; it is polled here.
+            opening: of an open gripper, m.
+            period: of polls, s.
+            clock: that the driver goes by.
+            open_first: open both before anything else, since plans begin with open grippers.
+            log: takes down what is commanded.
+        """
+        super().__init__()
+        self.set_name("gripper driver")
+        self._grippers, self._open, self._clock = grippers, opening, clock
+        self._sent = 0
+        self._log: RunLogger = log or NoLog()
+        self._before = int(open_first)
+        if open_first:
+            grippers.command(1, (False, False))
+        self._command = self.DeclareAbstractInputPort("command", Value(GripperCommand()))
+        first = GripperStatus(opening=(opening, opening))
+        self._state = self.DeclareAbstractState(model(first))
+        self.DeclareAbstractOutputPort(
+            "status",
+            lambda: Value(GripperStatus()),
+            self._shown(lambda context: held(context, self._state)),
+            {self.abstract_state_ticket(self._state)},
+        )
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
+
+    def _shown(self, read: Callable[[Context], Any]) -> Callable[[Context, Any], None]:
+        return lambda context, output: output.set_value(read(context))
+
+    def _update(self, context: Context, state: State) -> None:
+        command: GripperCommand = self._command.Eval(context)
+        if command.number > self._sent:
+            self._sent = command.number
+            self._grippers.command(command.number + self._before, command.closed)
+            closed = [bool(c) for c in command.closed]
+            text = ", ".join("close" if c else "open" for c in closed) + " (right, left)"
+            with suppress(OSError):  # the controller's driver ends a motion whose log is lost
+                self._log.event(self._clock(context.get_time()), "gripper", text, closed=closed)
+        self._grippers.poll(self._clock(context.get_time()))
+        report = self._grippers.status
+        right, left = report.closed
+        opening = report.opening or (self._open * (not right), self._open * (not left))
+        # Where no sensor can tell, a closed gripper is taken to hold: the next look shows what it did.
+        held_right, held_left = (
+            c if h is None else h for c, h in zip(report.closed, report.holding, strict=True)
+        )
+        done = max(report.command - self._before, 0)
+        status = GripperStatus(done, opening, report.closed, (held_right, held_left), report.reason)
+        hold(state, self._state, status)

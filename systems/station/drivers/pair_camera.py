@@ -1,0 +1,112 @@
+"""Real cameras behind the station's ports: one exposure of the pair for every head command, once all is at rest."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import Value
+from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
+
+from unwrinkle.flattening.station_messages import DepthImage, HeadImage
+from unwrinkle.hardware.cameras.base import PairCamera, PairPicture
+from unwrinkle.systems.held import held, hold, model
+from unwrinkle.systems.station.cameras import AXES_STILL, OFF_BEAT
+from unwrinkle.systems.station.drivers.device_clock import Clock, diagram_time
+from unwrinkle.systems.station.head import HeadStatus, reported_gaze
+
+#: Why there is no depth image.
+NO_DEPTH = "this site has no depth camera"
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """The last pair; `asked` is the head command that an exposure under way will answer."""
+
+    left: HeadImage
+    right: HeadImage
+    asked: int = 0
+
+
+class PairCameraSystem(LeafSystem):
+    """The head's two cameras.
+
+    Inputs: `head` (`HeadStatus`), `position` and `velocity` (13,) of the axes.
+    Outputs: `left_image`, `right_image` (`HeadImage`), `depth_image` (`DepthImage`, always without a picture); they change
+    with an exposure and at no other time.
+    """
+
+    def __init__(self, camera: PairCamera, *, period: float, clock: Clock = diagram_time) -> None:
+        """Wrap a camera.
+
+        Args:
+            camera: of the pair; it is polled here.
+            period: of polls, s.
+            clock: that the camera goes by.
+        """
+        super().__init__()
+        self.set_name("cameras")
+        self._camera, self._clock = camera, clock
+        first = HeadStatus(0, True, np.zeros(4))
+        self._head = self.DeclareAbstractInputPort("head", Value(first))
+        self._position = self.DeclareVectorInputPort("position", BasicVector(13))
+        self._velocity = self.DeclareVectorInputPort("velocity", BasicVector(13))
+        nothing = HeadImage(reason="nothing was exposed yet")
+        self._pair = self.DeclareAbstractState(model(_Pair(nothing, nothing)))
+        tickets = {self.abstract_state_ticket(self._pair)}
+        self.DeclareAbstractOutputPort(
+            "left_image",
+            lambda: Value(nothing),
+            lambda context, output: output.set_value(held(context, self._pair).left),
+            tickets,
+        )
+        self.DeclareAbstractOutputPort(
+            "right_image",
+            lambda: Value(nothing),
+            lambda context, output: output.set_value(held(context, self._pair).right),
+            tickets,
+        )
+        self.DeclareAbstractOutputPort(
+            "depth_image",
+            lambda: Value(DepthImage()),
+            lambda context, output: output.set_value(
+                DepthImage(held(context, self._pair).left.number, None, 0.0, NO_DEPTH)
+            ),
+            tickets,
+        )
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, OFF_BEAT, self._update)
+
+    def _update(self, context: Context, state: State) -> EventStatus:
+        pair: _Pair = held(context, self._pair)
+        head: HeadStatus = self._head.Eval(context)
+        now = context.get_time()
+        self._camera.poll(self._clock(now))
+        if pair.asked > pair.left.number:
+            picture = self._camera.result
+            if picture is None or picture.number != pair.asked:
+                return EventStatus.DidNothing()
+            hold(state, self._pair, self._taken(context, picture, head))
+            return EventStatus.Succeeded()
+        if head.number <= pair.left.number:
+            return EventStatus.DidNothing()
+        if head.reason:
+            none = HeadImage(head.number, None, time=now, reason=head.reason)
+            hold(state, self._pair, _Pair(none, none, head.number))
+            return EventStatus.Succeeded()
+        if not head.still or np.abs(self._velocity.Eval(context)).max() > AXES_STILL:
+            return EventStatus.DidNothing()
+        self._camera.start(head.number)
+        hold(state, self._pair, _Pair(pair.left, pair.right, head.number))
+        return EventStatus.Succeeded()
+
+    def _taken(self, context: Context, picture: PairPicture, head: HeadStatus) -> _Pair:
+        """The picture, with the gaze that the units report; a head that moved meanwhile spoils it."""
+        now, number = context.get_time(), picture.number
+        gaze = reported_gaze(head.angles, self._position.Eval(context)[0])
+        reason = picture.reason
+        if not head.still or head.number != number:
+            reason = reason or "the head moved during the exposure"
+        pixels: list[NDArray[np.uint8] | None] = [picture.left, picture.right]
+        if reason:
+            pixels = [None, None]
+        left, right = (HeadImage(number, image, gaze, now, reason) for image in pixels)
+        return _Pair(left, right, number)

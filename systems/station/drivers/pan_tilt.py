@@ -1,0 +1,85 @@
+"""The drivers of the head's two pan-tilt units behind the station's ports."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import Value
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+
+from unwrinkle.flattening.station_messages import HeadCommand
+from unwrinkle.hardware.pan_tilt.driver import PanTiltDriver
+from unwrinkle.systems.held import held, hold, model
+from unwrinkle.systems.station.drivers.device_clock import Clock, diagram_time
+from unwrinkle.systems.station.head import HeadStatus
+
+Array = NDArray[np.float64]
+
+
+class PanTiltDriverSystem(LeafSystem):
+    """Both units' drivers.
+
+    Inputs: `command` (`HeadCommand`). Outputs: `status` (`HeadStatus`), `position` (4,) as the units report it:
+    left pan, tilt, right pan, tilt, rad.
+    """
+
+    def __init__(
+        self,
+        left: PanTiltDriver,
+        right: PanTiltDriver,
+        *,
+        period: float,
+        poll: Callable[[float], None] | None = None,
+        clock: Clock = diagram_time,
+    ) -> None:
+        """Wrap two drivers.
+
+        Args:
+            left, right: of the eyes' units.
+            period: of polls, s.
+            poll: what moves both drivers on to a time, s; if left out, their own `poll`.
+            clock: that the drivers go by.
+        """
+        super().__init__()
+        self.set_name("pan-tilt driver")
+        self._units = (left, right)
+        self._poll, self._clock = poll or self._both, clock
+        self._sent = 0
+        self._command = self.DeclareAbstractInputPort("command", Value(HeadCommand()))
+        first = HeadStatus(0, True, self._angles())
+        self._state = self.DeclareAbstractState(model(first))
+        tickets = {self.abstract_state_ticket(self._state)}
+        self.DeclareAbstractOutputPort(
+            "status",
+            lambda: Value(first),
+            lambda context, output: output.set_value(held(context, self._state)),
+            tickets,
+        )
+        self.DeclareVectorOutputPort("position", BasicVector(4), self._position, tickets)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
+
+    def _both(self, now: float) -> None:
+        for unit in self._units:
+            unit.poll(now)
+
+    def _angles(self) -> Array:
+        return np.array([angle for u in self._units for angle in (u.status.pan, u.status.tilt)])
+
+    def _update(self, context: Context, state: State) -> None:
+        command: HeadCommand = self._command.Eval(context)
+        if command.number > self._sent:
+            self._sent = command.number
+            for unit, angles in zip(
+                self._units, (command.gaze.left, command.gaze.right), strict=True
+            ):
+                unit.goto(command.number, *angles)
+        self._poll(self._clock(context.get_time()))
+        statuses = [unit.status for unit in self._units]
+        number = min(status.number for status in statuses)
+        reason = "; ".join(status.reason for status in statuses if status.reason)
+        still = all(status.still for status in statuses) and number == self._sent
+        hold(state, self._state, HeadStatus(number, still, self._angles(), reason))
+
+    def _position(self, context: Context, output: BasicVector) -> None:
+        status: HeadStatus = held(context, self._state)
+        output.SetFromVector(status.angles)

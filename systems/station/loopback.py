@@ -1,0 +1,251 @@
+"""The station in its `loopback` form: the real drivers, over TCP and serial lines, against virtual devices.
+
+Robot, cameras and cloth are simulated as in the `sim` form, and the truth is told as there. What lies between is not:
+trajectories go through the controller's driver, its messages, and the virtual controller, whose joints drive the plant;
+grippers are commanded by the controller's digital outputs; the head by ASCII on pseudo-terminals. Both ends of every
+connection live on the simulation's clock, so a run is the same each time, and as quick as the simulation is.
+"""
+
+import dataclasses as dc
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import DiagramBuilder
+
+from unwrinkle.hardware.controller.driver import ControllerDriver
+from unwrinkle.hardware.controller_state import READY
+from unwrinkle.hardware.grippers.digital import DigitalGrippers
+from unwrinkle.hardware.pan_tilt.driver import PanTiltDriver
+from unwrinkle.hardware.pan_tilt.serial_port import open_serial
+from unwrinkle.hardware.run_log.protocol import RunLogger
+from unwrinkle.models.errors import HardwareError
+from unwrinkle.models.robot import Cell
+from unwrinkle.models.site import Site, loopback_site
+from unwrinkle.perception.stereo.head import StereoHead
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
+from unwrinkle.simulation.controllers.controller import VirtualController, VirtualControllerSettings
+from unwrinkle.simulation.controllers.server import ControllerServer
+from unwrinkle.simulation.devices.serial_pan_tilt import VirtualSerialPanTilt
+from unwrinkle.systems.station.drivers.controller import ControllerDriverSystem
+from unwrinkle.systems.station.drivers.grippers import GripperDriverSystem
+from unwrinkle.systems.station.drivers.pan_tilt import PanTiltDriverSystem
+from unwrinkle.systems.station.lockstep import ControllerLockstep, PanTiltLockstep
+from unwrinkle.systems.station.virtual_devices import (
+    VirtualControllerSystem,
+    VirtualPanTiltSystem,
+    unit_settings,
+)
+from unwrinkle.systems.station.world import (
+    Controls,
+    SimulatedStation,
+    StationFaults,
+    World,
+    start_posture,
+)
+
+Array = NDArray[np.float64]
+
+#: So long before the run the devices get to know each other, s on the simulation's clock.
+_PROLOGUE = 3.0
+
+
+class LoopbackEquipment:
+    """The devices, virtual and not, of a loopback station; a builder of its controls.
+
+    Attributes:
+        driver: of the controller.
+        server: of the virtual controller.
+        controller: the virtual controller.
+    """
+
+    def __init__(
+        self, cell: Cell, site: Site, start: Array, head: StereoHead, log: RunLogger | None
+    ) -> None:
+        """Start the virtual controller, and connect the driver to it."""
+        self._head, self._log = head, log
+        settings = cell.scenario.station
+        limits = cell.with_speed(1.0).limits
+        self.controller = VirtualController(
+            dc.replace(
+                VirtualControllerSettings.of_site(site.controller), period=settings.plant_step
+            ),
+            start,
+            (limits.lower, limits.upper, limits.velocity),
+        )
+        self.server = ControllerServer(self.controller, site.controller.host, (0, 0, 0))
+        ports = dict(zip(("motion_port", "state_port", "io_port"), self.server.ports, strict=True))
+        self._site = dc.replace(site, controller=dc.replace(site.controller, **ports))
+        self.driver = ControllerDriver(
+            self._site.controller, limits, log=log, io=self._site.needs_io
+        )
+        self._lockstep = ControllerLockstep(self.driver, self.server)
+        self._units: VirtualPanTiltSystem | None = None
+        self.driver.connect()
+
+    def controls(self, builder: DiagramBuilder, world: World) -> Controls:
+        """Add the systems of the devices; see `simulated_world.Controls`."""
+        settings, site = world.cell.scenario.station, self._site
+        heads = self._heads(world)
+        self._prologue(world, settings.plant_step)
+        driver = builder.AddSystem(
+            ControllerDriverSystem(
+                self.driver,
+                world.start,
+                period=settings.plant_step,
+                feedback_period=settings.feedback_period,
+                poll=self._lockstep.poll_driver,
+            )
+        )
+        controller = builder.AddSystem(
+            VirtualControllerSystem(
+                self.controller, site.grippers, self._poll_server, period=settings.plant_step
+            )
+        )
+        grippers = builder.AddSystem(
+            GripperDriverSystem(
+                DigitalGrippers(site.grippers, self.driver),
+                world.cell.scenario.gripper.opening,
+                period=settings.feedback_period,
+                log=self._log,
+            )
+        )
+        assert self._units is not None
+        builder.AddSystem(self._units)
+        builder.AddSystem(heads)
+        for source, target in (
+            (world.measured["position"], controller.GetInputPort("position")),
+            (world.measured["velocity"], controller.GetInputPort("velocity")),
+            (driver.GetOutputPort("number"), controller.GetInputPort("number")),
+            (world.grippers.GetOutputPort("status"), controller.GetInputPort("grippers")),
+            (controller.GetOutputPort("gripper_command"), world.grippers.GetInputPort("command")),
+            (world.units.GetOutputPort("status"), self._units.GetInputPort("status")),
+            (self._units.GetOutputPort("command"), world.units.GetInputPort("command")),
+        ):
+            builder.Connect(source, target)
+        return Controls(
+            inputs={
+                "trajectory": driver.GetInputPort("trajectory"),
+                "gripper.command": grippers.GetInputPort("command"),
+                "head.command": heads.GetInputPort("command"),
+                "speed_override": driver.GetInputPort("speed_override"),
+            },
+            outputs={
+                "joints.position_measured": driver.GetOutputPort("position"),
+                "joints.velocity_measured": driver.GetOutputPort("velocity"),
+                "controller.status": driver.GetOutputPort("status"),
+                "gripper.status": grippers.GetOutputPort("status"),
+                "head.position_measured": heads.GetOutputPort("position"),
+            },
+            desired=controller.GetOutputPort("desired"),
+            reference=controller.GetOutputPort("reference"),
+            head=heads.GetOutputPort("status"),
+        )
+
+    def close(self) -> None:
+        """Leave trajectory mode, disconnect, and end the virtual devices."""
+        self.driver.close()
+        self.server.close()
+        if self._units is not None:
+            self._units.close()
+
+    def _poll_server(self, now: float, positions: Array, velocities: Array) -> None:
+        self._lockstep.poll_server(now, lambda: self.server.poll(now, positions, velocities))
+
+    def _heads(self, world: World) -> PanTiltDriverSystem:
+        """Virtual units on pseudo-terminals, and the drivers at their other ends."""
+        eyes = (self._head.left, self._head.right)
+        settings = unit_settings(eyes[0].unit)
+        period = world.cell.scenario.station.feedback_period
+        start = world.units.GetOutputPort("position").Eval(world.units.CreateDefaultContext())
+        self._units = VirtualPanTiltSystem(
+            [eye.unit.step for eye in eyes],
+            start,
+            lambda motor: VirtualSerialPanTilt(settings, mechanics=motor),
+            period=period,
+        )
+        drivers, steps = [], []
+        for eye, port in zip(eyes, self._units.ports, strict=True):
+            line = open_serial(port.device, self._site.pan_tilt.baud)
+            driver = PanTiltDriver(line, self._site.pan_tilt, eye.unit.step, eye.name)
+            drivers.append(driver)
+            steps.append(PanTiltLockstep(driver, line, port))
+
+        def poll(now: float) -> None:
+            for each in steps:
+                each.poll(now)
+
+        self._poll_heads = poll
+        return PanTiltDriverSystem(drivers[0], drivers[1], period=period, poll=poll)
+
+    def _prologue(self, world: World, step: float) -> None:
+        """Let the devices get ready before the run begins at time 0."""
+        assert self._units is not None
+        rest = np.zeros(13)
+        count = round(_PROLOGUE / step)
+        for index in range(-count, 0):
+            now = index * step
+            self._lockstep.poll_driver(now)
+            self._poll_server(now, world.start, rest)
+            self._units.poll(now)
+            self._poll_heads(now)
+        if self.driver.status.state != READY:
+            raise HardwareError(
+                f"the virtual controller did not get ready: {self.driver.status.reason or self.driver.status.state}"
+            )
+
+
+class LoopbackStation(SimulatedStation):
+    """A simulated station behind real drivers. Build it with `build_loopback_station`.
+
+    Attributes:
+        equipment: its devices.
+    """
+
+    equipment: LoopbackEquipment
+
+    def close(self) -> None:
+        """End its devices; a second time changes nothing."""
+        self.equipment.close()
+
+
+def build_loopback_station(
+    cell: Cell,
+    cloth: Cloth,
+    state: ClothState,
+    *,
+    head: StereoHead,
+    seed: int,
+    start: NDArray[np.floating] | None = None,
+    faults: StationFaults | None = None,
+    site: Site | None = None,
+    log: RunLogger | None = None,
+) -> LoopbackStation:
+    """Build the loopback station, a diagram called "station"; `close` it after use.
+
+    Args:
+        cell, cloth, state, head, seed, start, faults: see `build_sim_station`.
+        site: settings of the drivers; addresses are chosen by the system. The shipped one if left out.
+        log: takes what is sent and measured.
+
+    Raises:
+        InputError: see `build_sim_station`.
+        HardwareError: the devices do not get ready.
+    """
+    posture = start_posture(cell, cloth, start)
+    equipment = LoopbackEquipment(cell, site or loopback_site(), posture, head, log)
+    try:
+        station = LoopbackStation(
+            cell,
+            cloth,
+            state,
+            head,
+            seed=seed,
+            start=posture,
+            faults=faults or StationFaults(),
+            controls=equipment.controls,
+        )
+    except BaseException:
+        equipment.close()
+        raise
+    station.equipment = equipment
+    return station

@@ -1,0 +1,209 @@
+"""The devices of the loopback station: they speak the real protocols on one side, and drive the simulated machines on the other."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import ceil, floor
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import Value
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+
+from unwrinkle.flattening.station_messages import GripperCommand, GripperStatus, HeadCommand
+from unwrinkle.models.site import GripperSite
+from unwrinkle.perception.stereo.head import Gaze, PanTiltUnit
+from unwrinkle.simulation.controllers.controller import VirtualController
+from unwrinkle.simulation.devices.serial_pan_tilt import PtyPort, UnitSettings, VirtualSerialPanTilt
+from unwrinkle.systems.held import held, hold, model
+from unwrinkle.systems.station.head import HeadStatus
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class _Axes:
+    """What the axes are told by the controller, (13,) each, rad and rad/s; the jaws it commands."""
+
+    positions: Array
+    velocities: Array
+    jaws: GripperCommand
+
+
+class VirtualControllerSystem(LeafSystem):
+    """The virtual controller with its server: its joints drive the plant, its outputs the grippers.
+
+    Inputs: `position` and `velocity` (13,) of the plant; `number` (1,) of the trajectory that runs, for the log;
+    `grippers` (`GripperStatus`) of the jaws, which its inputs tell.
+    Outputs: `desired` (26,) for the servos, in the order of `connect_servos`; `reference` (14,) for the motion log;
+    `gripper_command` for the jaws.
+    """
+
+    def __init__(
+        self,
+        controller: VirtualController,
+        grippers: GripperSite,
+        poll: Callable[[float, Array, Array], None],
+        *,
+        period: float,
+    ) -> None:
+        """Drive the plant.
+
+        Args:
+            controller: of the server.
+            grippers: which outputs close them, which inputs tell it.
+            poll: moves the server on to a time (s) with the plant's positions and velocities.
+            period: of the interpolation, s.
+        """
+        super().__init__()
+        self.set_name("virtual controller")
+        self._controller, self._grippers, self._poll = controller, grippers, poll
+        self._position = self.DeclareVectorInputPort("position", BasicVector(13))
+        self._velocity = self.DeclareVectorInputPort("velocity", BasicVector(13))
+        self._number = self.DeclareVectorInputPort("number", BasicVector(1))
+        self._status = self.DeclareAbstractInputPort("grippers", Value(GripperStatus()))
+        self._state = self.DeclareAbstractState(model(self._axes(GripperCommand())))
+        tickets = {self.abstract_state_ticket(self._state)}
+        self.DeclareVectorOutputPort("desired", BasicVector(26), self._desired, tickets)
+        self.DeclareVectorOutputPort("reference", BasicVector(14), self._reference)
+        self.DeclareAbstractOutputPort(
+            "gripper_command",
+            lambda: Value(GripperCommand()),
+            lambda context, output: output.set_value(self._now(context).jaws),
+            tickets,
+        )
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
+
+    def _now(self, context: Context) -> _Axes:
+        axes: _Axes = held(context, self._state)
+        return axes
+
+    def _axes(self, jaws: GripperCommand) -> _Axes:
+        controller = self._controller
+        return _Axes(controller.axis_positions, controller.axis_velocities, jaws)
+
+    def _update(self, context: Context, state: State) -> None:
+        self._tell_inputs(self._status.Eval(context))
+        self._poll(context.get_time(), self._position.Eval(context), self._velocity.Eval(context))
+        jaws, closed = self._now(context).jaws, self._commanded()
+        if closed != jaws.closed:
+            jaws = GripperCommand(jaws.number + 1, closed)
+        hold(state, self._state, self._axes(jaws))
+
+    def _tell_inputs(self, status: GripperStatus) -> None:
+        site, inputs = self._grippers, self._controller.inputs
+        for addresses, bits in (
+            (site.closed_input, status.closed),
+            (site.holding_input, status.holding),
+        ):
+            inputs.update({a: int(b) for a, b in zip(addresses, bits, strict=True) if a})
+
+    def _commanded(self) -> tuple[bool, bool]:
+        site, outputs = self._grippers, self._controller.outputs
+        right, left = (
+            bool(outputs.get(address, int(inverted))) != inverted
+            for address, inverted in zip(site.close_output, site.inverted, strict=True)
+        )
+        return right, left
+
+    def _desired(self, context: Context, output: BasicVector) -> None:
+        q, v = self._now(context).positions, self._now(context).velocities
+        wanted = (q[:1], v[:1], q[1:7], v[1:7], q[7:], v[7:])
+        output.SetFromVector(np.concatenate(wanted))
+
+    def _reference(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(np.append(self._now(context).positions, self._number.Eval(context)))
+
+
+def unit_settings(unit: PanTiltUnit) -> UnitSettings:
+    """What a virtual unit says of itself, to be the unit of a calibrated head."""
+    arcseconds = float(np.degrees(unit.step)) * 3600.0
+    pan, tilt = (
+        (ceil(low / unit.step - 1e-9), floor(high / unit.step + 1e-9))
+        for low, high in (unit.pan, unit.tilt)
+    )
+    return UnitSettings(resolution=(arcseconds, arcseconds), pan=pan, tilt=tilt)
+
+
+class _Mechanics:
+    """A pan-tilt unit's motors, which are those of the simulated head: steps in, steps out."""
+
+    def __init__(self, position: tuple[int, int]) -> None:
+        self.at = position
+        self.goal: tuple[int, int] | None = None
+
+    def command(self, pan_steps: int, tilt_steps: int) -> None:
+        self.goal = (pan_steps, tilt_steps)
+
+    def position(self, now: float) -> tuple[int, int]:
+        return self.at
+
+
+class VirtualPanTiltSystem(LeafSystem):
+    """Two virtual pan-tilt units on pseudo-terminals, whose motors are the simulated head's.
+
+    Inputs: `status` (`HeadStatus`) of the head's mechanics. Outputs: `command` (`HeadCommand`) for it.
+
+    Attributes:
+        ports: the units' ends of the lines, left and right.
+        units: what speaks there, left and right.
+    """
+
+    def __init__(
+        self,
+        steps: Sequence[float],
+        start: Array,
+        make: Callable[[_Mechanics], VirtualSerialPanTilt],
+        *,
+        period: float,
+    ) -> None:
+        """Open both lines.
+
+        Args:
+            steps: angle of one step of the left and the right unit, rad.
+            start: (4,) angles at the start: left pan, tilt, right pan, tilt, rad.
+            make: a unit with given mechanics.
+            period: of polls, s.
+        """
+        super().__init__()
+        self.set_name("virtual pan-tilt units")
+        self._steps = np.repeat(np.asarray(steps, dtype=float), 2)
+        at = np.rint(start / self._steps).astype(int)
+        self._motors = [_Mechanics((at[0], at[1])), _Mechanics((at[2], at[3]))]
+        self.units = [make(motor) for motor in self._motors]
+        self.ports = [PtyPort(), PtyPort()]
+        self._goal = at
+        self._status = self.DeclareAbstractInputPort("status", Value(HeadStatus(0, True, start)))
+        self._state = self.DeclareAbstractState(model(HeadCommand()))
+        self.DeclareAbstractOutputPort(
+            "command",
+            lambda: Value(HeadCommand()),
+            lambda context, output: output.set_value(held(context, self._state)),
+            {self.abstract_state_ticket(self._state)},
+        )
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
+
+    def poll(self, now: float) -> None:
+        """Answer what has come."""
+        for port, unit in zip(self.ports, self.units, strict=True):
+            port.poll(unit, now)
+
+    def close(self) -> None:
+        """Close both lines."""
+        for port in self.ports:
+            port.close()
+
+    def _update(self, context: Context, state: State) -> None:
+        status: HeadStatus = self._status.Eval(context)
+        at = np.rint(status.angles / self._steps).astype(int)
+        for number, motor in enumerate(self._motors):
+            motor.at = (int(at[2 * number]), int(at[2 * number + 1]))
+        self.poll(context.get_time())
+        if all(motor.goal is None for motor in self._motors):
+            return
+        for number, motor in enumerate(self._motors):
+            if motor.goal is not None:
+                self._goal[2 * number : 2 * number + 2] = motor.goal
+                motor.goal = None
+        command: HeadCommand = held(context, self._state)
+        gaze = Gaze(*(float(angle) for angle in self._goal * self._steps))
+        hold(state, self._state, HeadCommand(command.number + 1, gaze))

@@ -1,0 +1,244 @@
+"""What every simulated station shares: the robot's bodies and motors, the cloth, the cameras, and the truth.
+
+A form of the station adds its controls: what takes the commands of the ports and drives the machines.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import (
+    Diagram,
+    DiagramBuilder,
+    InputPort,
+    OutputPort,
+)
+from pydrake.systems.primitives import Multiplexer, VectorLogSink
+
+from unwrinkle.models.cloth import load_material
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.robot import Cell
+from unwrinkle.perception.stereo.head import StereoHead
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothState, Support
+from unwrinkle.simulation.cloth.outlines import outline
+from unwrinkle.systems.station.arm_plant import (
+    ArmPlant,
+    ToolPoses,
+    add_selections,
+    build_arm_plant,
+    connect_servos,
+)
+from unwrinkle.systems.station.cameras import CameraSystem
+from unwrinkle.systems.station.cloth import ClothSystem
+from unwrinkle.systems.station.grippers import GripperSystem
+from unwrinkle.systems.station.head import HeadSystem
+from unwrinkle.systems.station.motion_log import MotionLog
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StationFaults:
+    """What shall go wrong, for tests of what notices it.
+
+    Attributes:
+        misses: which closings of the grippers (the first is 1) fail to catch cloth.
+        cameras: which exposures (the first is 1) fail, and how: see `camera_system.FAULTS`.
+    """
+
+    misses: frozenset[int] = frozenset()
+    cameras: Mapping[int, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """What the controls find.
+
+    Attributes:
+        cell: the robot in its cell.
+        start: (13,) posture of the axes, rad.
+        measured: the plant's own ports, see `add_selections`.
+        grippers: the jaws' mechanics.
+        units: the pan-tilt units' mechanics.
+    """
+
+    cell: Cell
+    start: Array
+    measured: dict[str, OutputPort]
+    grippers: GripperSystem
+    units: HeadSystem
+
+
+@dataclass(frozen=True, eq=False)
+class Controls:
+    """What a form of the station adds.
+
+    Attributes:
+        inputs: by the station's names (see `ports`): trajectory, speed_override, gripper.command, head.command.
+        outputs: by the station's names: joints, controller, grippers, head.
+        desired: (26,) of the axes' servos.
+        reference: (14,) of the motion log: what the controller asks of the axes, and the trajectory's number.
+        head: `HeadStatus` that the cameras go by.
+    """
+
+    inputs: Mapping[str, InputPort]
+    outputs: Mapping[str, OutputPort]
+    desired: OutputPort
+    reference: OutputPort
+    head: OutputPort
+
+
+ControlsBuilder = Callable[[DiagramBuilder, World], Controls]
+
+
+class SimulatedStation(Diagram):
+    """A station whose robot, head, cameras and cloth are simulated.
+
+    Attributes:
+        cloth: the cloth's solver, for the meaning of `truth.cloth`.
+        motion_log: the measured motion; give it the root context.
+        plant: the robot's plant, for limits and names.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        cloth: Cloth,
+        state: ClothState,
+        head: StereoHead,
+        *,
+        seed: int,
+        start: Array,
+        faults: StationFaults,
+        controls: ControlsBuilder,
+    ) -> None:
+        """See `sim_station.build_sim_station` and `loopback_station.build_loopback_station`."""
+        super().__init__()
+        self.cloth = cloth
+        builder = DiagramBuilder()
+        settings = cell.scenario.station
+        arm = build_arm_plant(cell, settings.plant_step)
+        self.plant = builder.AddNamedSystem("plant", arm.plant)
+        measured = add_selections(builder, arm)
+        grippers = GripperSystem(
+            cell.limits.gripper,
+            cell.scenario.gripper.opening,
+            cloth.material.thickness,
+            period=settings.cloth_step,
+            misses=faults.misses,
+        )
+        pan, tilt = cell.scenario.gaze
+        units = HeadSystem(
+            head, cell.limits.head, (pan, tilt), seed=seed, period=settings.feedback_period
+        )
+        builder.AddSystem(grippers)
+        builder.AddSystem(units)
+        added = controls(builder, World(cell, start, measured, grippers, units))
+        tools, sheet = ToolPoses(arm), ClothSystem(cloth, state, period=settings.cloth_step)
+        cameras = CameraSystem(cell, cloth, state, head, seed=seed, faults=faults.cameras)
+        builder.AddSystem(tools)
+        builder.AddSystem(sheet)
+        builder.AddSystem(cameras)
+        desired = (added.desired, grippers.GetOutputPort("desired"), units.GetOutputPort("desired"))
+        connect_servos(builder, arm, *desired)
+        for source, target in (
+            (measured["opening"], grippers.GetInputPort("opening")),
+            (arm.plant.get_body_poses_output_port(), tools.GetInputPort("poses")),
+            (tools.GetOutputPort("tips"), sheet.GetInputPort("tips")),
+            (grippers.GetOutputPort("pinch"), sheet.GetInputPort("pinch")),
+            (sheet.GetOutputPort("answer"), grippers.GetInputPort("answer")),
+            (added.head, cameras.GetInputPort("head")),
+            (measured["head"], cameras.GetInputPort("head_angles")),
+            (measured["position"], cameras.GetInputPort("position")),
+            (measured["velocity"], cameras.GetInputPort("velocity")),
+            (sheet.GetOutputPort("cloth"), cameras.GetInputPort("cloth")),
+        ):
+            builder.Connect(source, target)
+        for name, port in added.inputs.items():
+            builder.ExportInput(port, name)
+        outputs = {
+            **added.outputs,
+            "head.left_image": cameras.GetOutputPort("left_image"),
+            "head.right_image": cameras.GetOutputPort("right_image"),
+            "depth_camera.image": cameras.GetOutputPort("depth_image"),
+            "truth.cloth": sheet.GetOutputPort("cloth"),
+            "truth.coverage": sheet.GetOutputPort("coverage"),
+            "truth.height": sheet.GetOutputPort("height"),
+            "truth.tips": tools.GetOutputPort("tips"),
+        }
+        for name, output in outputs.items():
+            builder.ExportOutput(output, name)
+        self.motion_log = _logged(builder, measured, added.reference, settings.plant_step)
+        builder.BuildInto(self)
+        self.set_name("station")
+        self._stand(arm, start, units)
+
+    def _stand(self, arm: ArmPlant, start: Array, units: HeadSystem) -> None:
+        """Let every default context begin in the start posture, the head where its unit has it."""
+        context = units.CreateDefaultContext()
+        angles = units.GetOutputPort("position").Eval(context)
+        plant = arm.plant
+        q = plant.GetPositions(plant.CreateDefaultContext())
+        q[arm.axes], q[arm.head] = start, angles
+        plant.SetDefaultPositions(q)
+
+
+def simulated_cloth(cell: Cell) -> Cloth:
+    """The garment of the scenario on the cell's working table.
+
+    Raises:
+        InputError: an unknown outline or material, or a garment that is bigger than the table.
+    """
+    garment, table = cell.scenario.station.garment, cell.scenario.table
+    shape = outline(garment.outline, garment.nodes)
+    size = shape.spacing * (np.array(shape.mask.shape) - 1)
+    if np.any(size > np.array(table.size)):
+        raise InputError(
+            f"a {garment.outline} of {size[0]:.2f} x {size[1]:.2f} m is bigger than the table of "
+            f"{table.size[0]:.2f} x {table.size[1]:.2f} m; choose a smaller garment or another table"
+        )
+    x, y, height = (float(value) for value in cell.table_centre)
+    support = Support((x, y), (table.size[0], table.size[1]), height)
+    return Cloth(shape, load_material(garment.material), support)
+
+
+def start_posture(cell: Cell, cloth: Cloth, start: NDArray[np.floating] | None) -> Array:
+    """Check what a simulated station begins with, and return the start (13,), rad; home if left out.
+
+    Raises:
+        InputError: a start that is no posture or beyond the limits, or clocks that are no multiples of
+            the cloth's time step.
+    """
+    limits = cell.limits
+    posture = np.array(cell.robot.named_states["home"] if start is None else start, dtype=float)
+    if posture.shape != (13,) or not np.isfinite(posture).all():
+        raise InputError(f"station: start posture {posture.shape} must be 13 finite angles, rad")
+    over = np.maximum(limits.lower - posture, posture - limits.upper)
+    if over.max() > 0.0:
+        axis = int(over.argmax())
+        raise InputError(
+            f"station: start posture is {over[axis]:.4f} rad beyond the limit of "
+            f"{cell.robot.axes[axis]}"
+        )
+    steps = cell.scenario.station.cloth_step / cloth.time_step
+    if not math.isclose(steps, round(steps), rel_tol=1e-6):
+        raise InputError(
+            f"station: cloth_step {cell.scenario.station.cloth_step:g} s is no multiple of the "
+            f"cloth's time step {cloth.time_step:g} s"
+        )
+    return posture
+
+
+def _logged(
+    builder: DiagramBuilder, measured: dict[str, OutputPort], reference: OutputPort, step: float
+) -> MotionLog:
+    ports = [measured["position"], measured["velocity"], reference]
+    ports += [measured["opening"], measured["head"]]
+    rows = builder.AddSystem(Multiplexer([port.size() for port in ports]))
+    for number, port in enumerate(ports):
+        builder.Connect(port, rows.get_input_port(number))
+    sink = builder.AddNamedSystem("motion log", VectorLogSink(rows.get_output_port().size(), step))
+    builder.Connect(rows.get_output_port(), sink.get_input_port())
+    return MotionLog(sink)

@@ -1,0 +1,1 @@
+"""Runs of the closed loop: setup, session, recording, progress."""

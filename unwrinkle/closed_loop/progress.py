@@ -1,0 +1,107 @@
+"""Tells the user how a run goes: a line for every stage with its time."""
+
+from collections.abc import Callable
+
+from unwrinkle.closed_loop.run import Seconds
+from unwrinkle.closed_loop.station_view import StationView
+from unwrinkle.flattening import state as states
+from unwrinkle.flattening.state import Situation
+
+#: What is going on in a state, for the line that moves.
+DOING = {
+    states.LOOK: "looking",
+    states.PERCEIVE: "matching the pair and finding wrinkles",
+    states.DECIDE: "deciding",
+    states.PLAN: "planning",
+    states.CONFIRM: "verifying the plan",
+    states.MOVE: "moving",
+    states.GRIP: "gripping",
+    states.RETREAT: "going back",
+    states.HOLD: "stopping",
+}
+
+
+class Progress:
+    """A watcher that says what happens."""
+
+    def __init__(self, say: Callable[[str], None], doing: Callable[[str], None]) -> None:
+        """Say it where the caller wants it.
+
+        Args:
+            say: takes a finished line.
+            doing: takes what is going on now.
+        """
+        self._say, self._doing = say, doing
+
+    def update(
+        self, before: Situation, now: Situation, station: StationView, seconds: Seconds
+    ) -> None:
+        """Say what is new; see `flattening_run.Watcher`."""
+        if now.mode == before.mode:
+            return
+        for line in _lines(before, now, station, seconds):
+            self._say(line)
+        if now.mode in DOING:
+            step = f": {now.steps[0].name}" if now.steps else ""
+            self._doing(f"look {now.action.look}, {DOING[now.mode]}{step}")
+
+
+def _lines(before: Situation, now: Situation, station: StationView, seconds: Seconds) -> list[str]:
+    action = now.action
+    spent = seconds.of(before.mode)
+    if before.mode == states.LOOK and now.mode == states.PERCEIVE:
+        truth = station.truth()
+        known = ""
+        if truth is not None:
+            known = f" (in truth: coverage {truth['coverage']:.1%}, height {1e3 * truth['height']:.1f} mm)"
+        return [f"look {action.look}", f"  picture       {spent:6.2f} s{known}"]
+    if before.mode == states.PERCEIVE and now.mode == states.DECIDE:
+        return _found(now, seconds)
+    if now.mode == states.DECIDE and len(action.refusals) > len(before.action.refusals):
+        refusal = action.refusals[-1]
+        which = f"wrinkle {refusal.wrinkle + 1}, {refusal.arms}"
+        return [f"  no plan       {spent:6.2f} s: {which}: {refusal.reason}"]
+    if before.mode == states.PLAN and now.mode == states.CONFIRM:
+        return _planned(now, spent)
+    if before.mode == states.CONFIRM and now.mode == states.MOVE:
+        verified = action.verified
+        verdict = None if verified is None else verified.verdict
+        return [] if verdict is None else [f"  verification  {spent:6.2f} s: {verdict.summary()}"]
+    if now.finished is not None and now.finished is not before.finished:
+        moved = seconds.of(states.MOVE, states.GRIP, states.RETREAT)
+        what = now.finished.outcome
+        reason = f", {now.finished.reason}" if now.finished.reason else ""
+        return [f"  action        {moved:6.2f} s: {what}{reason}"]
+    return []
+
+
+def _found(now: Situation, seconds: Seconds) -> list[str]:
+    action = now.action
+    perceived, analysed, sight = action.perceived, action.analysed, action.sight
+    lines = []
+    if perceived is not None:
+        lines.append(f"  range map     {perceived.seconds:6.2f} s")
+    if analysed is not None and sight is not None:
+        text = f"{len(sight.wrinkles)} wrinkles"
+        if sight.wrinkles:
+            first = sight.wrinkles[0]
+            text += (
+                f", the largest {1e3 * first.height:.1f} mm high asks for a pull of "
+                f"{1e3 * first.pull:.1f} mm"
+            )
+        lines.append(f"  wrinkles      {analysed.seconds:6.2f} s: {text}")
+    return lines
+
+
+def _planned(now: Situation, spent: float) -> list[str]:
+    planned, pull = now.action.planned, now.action.pull
+    if planned is None or planned.result is None or planned.result.plan is None or pull is None:
+        return []
+    plan = planned.result.plan
+    pulls = [
+        f"{name} {1e3 * arm.share * plan.target.hands[arm.side].pull_distance:.1f} mm"
+        for name, arm in zip(("right", "left"), plan.arms, strict=True)
+        if arm is not None
+    ]
+    what = f"wrinkle {pull.wrinkle.index + 1}, {', '.join(pulls)}"
+    return [f"  plan          {spent:6.2f} s: {what}, motion {plan.motion_time:.1f} s"]

@@ -1,0 +1,293 @@
+"""A run with its folder: begun or gone on with, carried out, and finished whatever happens."""
+
+import dataclasses as dc
+import logging
+import time
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from unwrinkle import __version__
+from unwrinkle.closed_loop.recorder import Recorder
+from unwrinkle.closed_loop.run import Ending, FlatteningRun, Watcher, caught_interrupts, failure
+from unwrinkle.closed_loop.setup import (
+    HARDWARE,
+    LOOPBACK,
+    Loop,
+    build_loop,
+    scenario_text,
+    with_choices,
+)
+from unwrinkle.flattening.policy import Memory
+from unwrinkle.flattening.state import FLAT, INTERRUPTED
+from unwrinkle.garbage import collected_at_rest
+from unwrinkle.hardware.run_log.writer import RunLog
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.scenario import Scenario, load_scenario
+from unwrinkle.models.site import Site
+from unwrinkle.report.page import write_report
+from unwrinkle.report.replay import write_replay
+from unwrinkle.runs.folder import RunFolder, RunSettings, command_line
+from unwrinkle.simulation.cloth.cloth import ClothState
+from unwrinkle.systems.planning.verification import Approve
+
+_log = logging.getLogger(__name__)
+
+#: What a run that goes on may still choose.
+_FREE = ("arms", "actions")
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What the user chose; None leaves it to the scenario. See `RunSettings` and `LoopSettings`."""
+
+    garment: str | None = None
+    start: str | None = None
+    texture: str | None = None
+    seed: int | None = None
+    sensor: str | None = None
+    scale: float | None = None
+    arms: str | None = None
+    mode: str | None = None
+    actions: int | None = None
+    station: str | None = None
+    order: str | None = None
+
+    def applied(self, scenario: Scenario) -> Scenario:
+        """A scenario with these choices.
+
+        Raises:
+            InputError: a choice that no scenario can have.
+        """
+        choices = {name: value for name, value in dc.asdict(self).items() if name != "seed"}
+        return with_choices(scenario, **choices)
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """A loop, the folder that it is recorded in, and the log of what its controller was sent, where it has one."""
+
+    loop: Loop
+    folder: RunFolder
+    log: RunLog | None = None
+
+    def run(
+        self, watchers: tuple[Watcher, ...] = (), left: Callable[[], bool] = lambda: False
+    ) -> Ending:
+        """Run to the end, and finish the folder and its report.
+
+        Args:
+            watchers: are told of every period.
+            left: whether nobody watches any more; a run that moves a robot then ends as if it was interrupted.
+
+        A SIGINT or SIGTERM ends the run with the arms at rest. Whatever happens, the station's devices are closed.
+
+        Raises:
+            Exception: what ended the run otherwise, after the arms came to rest and the folder was finished.
+        """
+        clock = time.perf_counter()
+        recorder = Recorder(self.folder, self.loop.cell)
+        with caught_interrupts() as interrupts, ExitStack() as at_end:
+            if self.loop.real:
+                at_end.enter_context(collected_at_rest())
+            if self.log is not None:
+                at_end.callback(self.log.close)
+            at_end.callback(self.loop.close)
+            run = FlatteningRun(self.loop, (recorder, *watchers))
+            try:
+                ending = run.run(lambda: interrupts() or (self.loop.real and left()))
+            except BaseException as error:
+                status, reason = failure(error)
+                if isinstance(error, KeyboardInterrupt):
+                    status, reason = INTERRUPTED, "interrupted twice"
+                self._finish(status, reason, clock, run)
+                raise
+            reason = f"{interrupts.name}: {ending.reason}" if interrupts.name else ending.reason
+            self._log_result(ending.status, reason, run)
+            self._finish(ending.status, reason, clock, run)
+        return ending
+
+    def _log_result(self, status: str, reason: str, run: FlatteningRun) -> None:
+        if self.log is not None:
+            now = time.monotonic() if self.loop.real else run.station.time
+            with suppress(OSError):
+                self.log.event(now, "result", reason, outcome=status)
+
+    def _finish(self, status: str, reason: str, clock: float, run: FlatteningRun) -> None:
+        """Write how it ended; what cannot be written any more is only logged."""
+        earlier = self.folder.figures.get("seconds", 0.0)
+        figures: dict[str, Any] = {
+            "actions": run.situation.memory.actions,
+            "looks": run.situation.memory.looks,
+            "seconds": earlier + time.perf_counter() - clock,
+            **(run.station.truth() or {}),
+        }
+        pages = (
+            lambda: self.folder.finish(status, reason, figures),
+            lambda: write_report(self.folder),
+            lambda: write_replay(self.folder, self.loop.cell),
+        )
+        for write in pages:
+            try:
+                write()
+            except InputError as error:
+                _log.error("%s", error)
+
+
+def begin(
+    choices: Choices,
+    scenario: Path | None,
+    out: Path | None,
+    *,
+    site: Site | None = None,
+    approve: Approve | None = None,
+) -> Session:
+    """Begin a run.
+
+    Args:
+        choices: of the user.
+        scenario: file; the shipped one if left out.
+        out: folder of the run; by the garment and the seed if left out, and then never one that is there.
+        site: of the station's devices.
+        approve: asked about each plan that is safe; None approves.
+
+    Raises:
+        InputError: bad input, or the folder holds a run already or cannot be written.
+        HardwareError: a device of the station does not get ready.
+    """
+    chosen = choices.applied(load_scenario(_cell_of(site, scenario)))
+    seed = choices.seed or 0
+    outline = chosen.station.garment.outline
+    path = _unused(Path("out") / f"flatten-{outline}-{seed}") if out is None else out
+    RunFolder.check_free(path)
+    log = _log_of(chosen, path, site)
+    try:
+        loop = build_loop(chosen, seed=seed, site=site, log=log, approve=approve)
+    except BaseException:
+        _forget(log)
+        raise
+    folder = RunFolder.create(path, _settings(chosen, seed))
+    _save_cloth(folder, loop)
+    return Session(loop, folder, log)
+
+
+def go_on(
+    run: Path, choices: Choices, *, site: Site | None = None, approve: Approve | None = None
+) -> Session:
+    """Go on with a run, from the cloth and the memory after its last complete look.
+
+    Args:
+        run: its folder.
+        choices: only arms and actions may change.
+        site, approve: see `begin`.
+
+    Raises:
+        InputError: it is no run, it is flat already, something else was chosen, or a file is damaged.
+        HardwareError: a device of the station does not get ready.
+    """
+    fixed = [
+        f"--{field.name}"
+        for field in dc.fields(choices)
+        if field.name not in _FREE and getattr(choices, field.name) is not None
+    ]
+    if fixed:
+        raise InputError(f"{', '.join(fixed)}: a run goes on as it began; leave it out")
+    folder = RunFolder.open(run)
+    if folder.status == FLAT:
+        raise InputError(f"{run}: is flat already; begin a new run")
+    scenario = choices.applied(load_scenario(folder.path / "scenario.yaml"))
+    last = folder.last_complete()
+    state = memory = None
+    if last is not None:
+        look = folder.look(last)
+        memory = Memory.from_json(look.action().memory)
+        if scenario.station.form != HARDWARE:
+            state = ClothState.load(look.after_file)
+    log = _log_of(scenario, folder.path, site)
+    try:
+        loop = build_loop(
+            scenario,
+            seed=folder.settings.seed,
+            state=state,
+            memory=memory,
+            site=site,
+            log=log,
+            approve=approve,
+        )
+    except BaseException:
+        _forget(log)
+        raise
+    folder.go_on()
+    _save_cloth(folder, loop)
+    return Session(loop, folder, log)
+
+
+def _cell_of(site: Site | None, scenario: Path | None) -> Path | None:
+    """The scenario's file: plans have to be proven in the cell that the site's robot stands in.
+
+    Raises:
+        InputError: the site names its cell, and another one was given.
+    """
+    if site is None or not site.scenario:
+        return scenario
+    own = Path(site.scenario)
+    if scenario is not None and scenario.resolve() != own.resolve():
+        raise InputError(
+            f"--scenario {scenario}: site {site.name} stands in the cell of {own}; leave --scenario out"
+        )
+    return own
+
+
+def _log_of(scenario: Scenario, path: Path, site: Site | None) -> RunLog | None:
+    """A new log in a run's folder, where there is a controller to speak of."""
+    if scenario.station.form not in (LOOPBACK, HARDWARE):
+        return None
+    count = len(list(path.glob("controller-*.jsonl"))) if path.is_dir() else 0
+    form = scenario.station.form
+    name = form if site is None else site.name
+    header: dict[str, Any] = {"version": __version__, "station": form, "site": name}
+    if form == LOOPBACK:
+        header["clock"] = 0.0  # its times are the simulation's
+    return RunLog.create(path / f"controller-{count + 1}.jsonl", header)
+
+
+def _forget(log: RunLog | None) -> None:
+    """Leave nothing behind of a run that did not begin."""
+    if log is not None:
+        log.close()
+        log.path.unlink(missing_ok=True)
+        with suppress(OSError):
+            log.path.parent.rmdir()
+
+
+def _settings(scenario: Scenario, seed: int) -> RunSettings:
+    garment, sensor, loop = scenario.station.garment, scenario.sensor, scenario.loop
+    return RunSettings(
+        garment=garment.outline,
+        texture=garment.texture,
+        start=garment.start,
+        seed=seed,
+        sensor=sensor.depth_camera if sensor.kind == "depth" else sensor.kind,
+        scale=sensor.scale,
+        arms=loop.arms,
+        mode=loop.mode,
+        actions=loop.actions,
+        scenario=scenario_text(scenario),
+        command=command_line(),
+    )
+
+
+def _save_cloth(folder: RunFolder, loop: Loop) -> None:
+    if loop.cloth is not None:
+        folder.save_cloth(loop.cloth.triangles, loop.cloth.rest)
+
+
+def _unused(path: Path) -> Path:
+    """The path, or one with a number behind it that is not there yet."""
+    candidate, count = path, 1
+    while candidate.exists():
+        count += 1
+        candidate = path.with_name(f"{path.name}-{count}")
+    return candidate

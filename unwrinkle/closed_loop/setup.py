@@ -1,0 +1,211 @@
+"""From a scenario to the loop that is ready to run: cell, head, cloth, station and diagram."""
+
+import dataclasses as dc
+import datetime
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import yaml
+from pydrake.systems.framework import Diagram
+
+from unwrinkle.flattening.policy import Memory
+from unwrinkle.flattening.state import SupervisorSettings
+from unwrinkle.hardware.run_log.writer import RunLog
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.robot import Cell, load_cell
+from unwrinkle.models.scenario import Scenario, resolve, with_sensor
+from unwrinkle.models.site import Site, loopback_site
+from unwrinkle.perception.stereo.compile_cache import ensure_compiled
+from unwrinkle.perception.stereo.head import StereoHead
+from unwrinkle.perception.stereo.head_file import load_calibration, nominal_calibration
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
+from unwrinkle.simulation.cloth.initial_states import start_state
+from unwrinkle.site.preflight_checks import check_calibration
+from unwrinkle.systems.diagram import build_flattening_diagram
+from unwrinkle.systems.planning.verification import Approve
+from unwrinkle.systems.station.hardware import build_hardware_station
+from unwrinkle.systems.station.loopback import build_loopback_station
+from unwrinkle.systems.station.simulated import build_sim_station
+from unwrinkle.systems.station.world import (
+    SimulatedStation,
+    StationFaults,
+    simulated_cloth,
+)
+
+#: Forms of the station beside the plain simulation.
+LOOPBACK, HARDWARE = "loopback", "hardware"
+#: What `--sensor` may say, and what it means in a scenario: kind, depth camera.
+SENSORS = {
+    "stereo": ("stereo", None),
+    "xtion": ("depth", "xtion"),
+    "tof": ("depth", "tof"),
+    "truth": ("truth", None),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """All that a run needs.
+
+    Attributes:
+        cell: the robot in its cell.
+        head: the stereo head.
+        cloth: the simulated garment; None where the station is not simulated.
+        station: with the ports of `systems.ports`.
+        diagram: station, perception, planner, verification and supervisor.
+        seed: of every random choice.
+        real: the station's devices live on the computer's clock, and the diagram must run no faster.
+        close: ends the station's devices; a second time changes nothing.
+    """
+
+    cell: Cell
+    head: StereoHead
+    cloth: Cloth | None
+    station: Diagram
+    diagram: Diagram
+    seed: int
+    real: bool = False
+    close: Callable[[], None] = lambda: None
+
+
+def with_choices(
+    scenario: Scenario,
+    *,
+    garment: str | None = None,
+    start: str | None = None,
+    texture: str | None = None,
+    sensor: str | None = None,
+    scale: float | None = None,
+    arms: str | None = None,
+    mode: str | None = None,
+    actions: int | None = None,
+    station: str | None = None,
+    order: str | None = None,
+) -> Scenario:
+    """A scenario with what the user chose instead of what it says; None keeps it.
+
+    Raises:
+        InputError: a choice that no scenario can have.
+    """
+    if sensor is not None and sensor not in SENSORS:
+        raise InputError(f"sensor {sensor!r}: known are {', '.join(SENSORS)}")
+    kind, camera = SENSORS[sensor] if sensor is not None else (None, None)
+
+    def changed(part: Any, **values: Any) -> Any:
+        return dc.replace(part, **{k: v for k, v in values.items() if v is not None})
+
+    worn = changed(scenario.station.garment, outline=garment, start=start, texture=texture)
+    result: Scenario = dc.replace(
+        scenario,
+        station=changed(scenario.station, garment=worn, form=station),
+        sensor=changed(scenario.sensor, kind=kind, depth_camera=camera, scale=scale),
+        loop=changed(scenario.loop, arms=arms, mode=mode, actions=actions, order=order),
+    )
+    return with_sensor(result, result.sensor.kind)
+
+
+def scenario_text(scenario: Scenario, name: str = "Run") -> str:
+    """The scenario as a file that `load_scenario` reads."""
+    return yaml.safe_dump({name: dc.asdict(scenario)}, sort_keys=False)
+
+
+def build_loop(
+    scenario: Scenario,
+    *,
+    seed: int = 0,
+    state: ClothState | None = None,
+    memory: Memory | None = None,
+    faults: StationFaults | None = None,
+    site: Site | None = None,
+    log: RunLog | None = None,
+    approve: Approve | None = None,
+) -> Loop:
+    """Build everything.
+
+    Args:
+        scenario: with the user's choices in it.
+        seed: of every random choice.
+        state: of the cloth, to go on from; None lets the garment lie as the scenario starts.
+        memory: of the judgement, to go on with.
+        faults: what shall go wrong in the station, for tests.
+        site: of the devices; the hardware station needs it, the loopback station may have it.
+        log: takes what the controller is sent and what it measures; not in the sim station.
+        approve: asked about each plan that is safe; None approves.
+
+    Raises:
+        InputError: the scenario names what is not there, the garment does not fit the table, or the site is missing or
+            lacks a device.
+        HardwareError: a device does not get ready.
+    """
+    if scenario.sensor.kind == "stereo":
+        ensure_compiled()  # so that this run can be repeated bit by bit
+    form = scenario.station.form
+    if form == HARDWARE:
+        return _on_hardware(scenario, seed, memory, site, log, approve)
+    cell = load_cell(scenario)
+    head = nominal_calibration().stereo_head(cell.limits.head)
+    cloth = simulated_cloth(cell)
+    if state is None:
+        x, y = scenario.garment_centre
+        state = start_state(cloth, scenario.station.garment.start, (x, y), seed)
+    settings, close = SupervisorSettings(), lambda: None
+    station: SimulatedStation
+    if form == LOOPBACK:
+        site = site or loopback_site()
+        settings = SupervisorSettings.of_site(site)
+        station = build_loopback_station(
+            cell, cloth, state, head=head, seed=seed, faults=faults, site=site, log=log
+        )
+        close = station.close
+    else:
+        station = build_sim_station(cell, cloth, state, head=head, seed=seed, faults=faults)
+    diagram = build_flattening_diagram(
+        cell, station, head, settings=settings, memory=memory, approve=approve, seed=seed
+    )
+    return Loop(cell, head, cloth, station, diagram, seed, close=close)
+
+
+def _on_hardware(
+    scenario: Scenario,
+    seed: int,
+    memory: Memory | None,
+    site: Site | None,
+    log: RunLog | None,
+    approve: Approve | None,
+) -> Loop:
+    """The loop around a site's devices, at the site's speed, with its calibration.
+
+    Raises:
+        InputError: nobody is asked about plans, the site is being commissioned, or its calibration is missing or too old.
+    """
+    if site is None:
+        raise InputError("the hardware station needs --site FILE, see models/data/sites")
+    if approve is None:
+        raise InputError(
+            f"the hardware station moves the robot of site {site.name}; say so with --go, or rehearse "
+            "with --station loopback"
+        )
+    if site.commissioning:
+        raise InputError(
+            f"site {site.name} is being commissioned: run single plans with `unwrinkle execute` first; "
+            "then set commissioning: false"
+        )
+    if scenario.sensor.kind == "stereo":
+        check_calibration(site, datetime.date.today())
+    cell = load_cell(scenario)
+    calibration = (
+        load_calibration(resolve(site.calibration)) if site.calibration else nominal_calibration()
+    )
+    head = calibration.stereo_head(cell.limits.head)
+    station = build_hardware_station(cell, site, head=head, log=log)
+    diagram = build_flattening_diagram(
+        cell,
+        station,
+        head,
+        settings=SupervisorSettings.of_site(site),
+        memory=memory,
+        approve=approve,
+        seed=seed,
+    )
+    return Loop(cell, head, None, station, diagram, seed, real=True, close=station.close)

@@ -1,0 +1,75 @@
+"""Shows a run live in Meshcat while it goes on."""
+
+from typing import Any
+
+from unwrinkle.closed_loop.progress import DOING
+from unwrinkle.closed_loop.run import Seconds
+from unwrinkle.closed_loop.setup import Loop
+from unwrinkle.closed_loop.station_view import StationView
+from unwrinkle.flattening import state as states
+from unwrinkle.flattening.state import Situation
+from unwrinkle.viewer.live_view import LiveView
+
+#: The scene is sent every so many feedback periods while something moves.
+FRAME_PERIODS = 2
+_STILL = (states.PERCEIVE, states.DECIDE, states.PLAN, states.CONFIRM)
+
+
+class LiveWatcher:
+    """A watcher that shows robot, cloth, pictures, wrinkles and the plan.
+
+    Attributes:
+        closed: whether the page was open in a browser, and is no more.
+    """
+
+    def __init__(self, loop: Loop, meshcat: Any) -> None:
+        """Send the cell to a Meshcat."""
+        triangles = None if loop.cloth is None else loop.cloth.triangles
+        self._view = LiveView(loop.cell, meshcat, triangles)
+        self._periods = 0
+        self._meshcat, self._opened = meshcat, False
+        self.closed = False
+
+    def update(
+        self, before: Situation, now: Situation, station: StationView, seconds: Seconds
+    ) -> None:
+        """Show what is new; see `flattening_run.Watcher`."""
+        self._periods += 1
+        viewers = int(self._meshcat.GetNumActiveConnections())
+        self._opened |= viewers > 0
+        self.closed = self._opened and viewers == 0
+        moving = now.mode not in _STILL and self._periods % FRAME_PERIODS == 0
+        if moving or now.mode != before.mode:
+            self._view.update(
+                station.positions,
+                station.head,
+                station.openings,
+                station.vertices,
+                force=now.mode != before.mode,
+            )
+        if now is before:
+            return
+        if before.mode == states.LOOK and now.mode == states.PERCEIVE:
+            left, right = station.pair
+            if left.pixels is not None and right.pixels is not None:
+                self._view.show_look(left.pixels, right.pixels)
+            self._view.show_analysis(None)
+            self._view.show_plan(None)
+        analysed, planned = now.action.analysed, now.action.planned
+        if analysed is not None and analysed is not before.action.analysed:
+            self._view.show_analysis(analysed.analysis)
+        if planned is not None and planned is not before.action.planned:
+            self._view.show_plan(None if planned.result is None else planned.result.plan)
+        if now.mode != before.mode:
+            self._view.status(_status(now, station))
+
+
+def _status(now: Situation, station: StationView) -> list[str]:
+    doing = now.reason if now.over else DOING.get(now.mode, now.mode)
+    lines = [f"look {now.action.look}, {now.memory.actions} actions", doing]
+    truth = station.truth()
+    if truth is not None:
+        lines.append(
+            f"in truth: coverage {truth['coverage']:.1%}, height {1e3 * truth['height']:.1f} mm"
+        )
+    return lines

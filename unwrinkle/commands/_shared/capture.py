@@ -1,0 +1,279 @@
+"""Options and steps that every command on a capture shares."""
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from unwrinkle.models.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from unwrinkle.models.robot import Cell
+    from unwrinkle.perception.range_map import RangeMap
+    from unwrinkle.perception.sensor import NoiseProfile
+    from unwrinkle.perception.wrinkles.analysis import Analysis
+    from unwrinkle.perception.wrinkles.wrinkledness import Wrinkledness
+
+CaptureArgument = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="DEPTH | LEFT RIGHT",
+        help="Depth: .png (mm), .npy, .npz; or the images of the left and the right eye.",
+    ),
+]
+HeadOption = Annotated[
+    Path | None, typer.Option(help="Of a pair: head.yaml, the angles it was taken at.")
+]
+CameraOption = Annotated[
+    str | None, typer.Option(help="A camera's name or YAML; e.g. xtion-pro-live.")
+]
+ColourOption = Annotated[
+    Path | None, typer.Option(help="Colour image; found beside UC3M and CTU captures.")
+]
+RegisteredOption = Annotated[
+    bool | None, typer.Option(help="Colour has the pixels of depth (default: by the file).")
+]
+PoseOption = Annotated[
+    Path | None, typer.Option(help="YAML of the camera's pose X_WC: translation, rotation.")
+]
+YawOption = Annotated[
+    float, typer.Option(help="Without a pose: turn of the garment about the vertical, degrees.")
+]
+SensorOption = Annotated[
+    str | None,
+    typer.Option(help="Noise profile: stereo, stereo-head, xtion, tof (default: the camera's)."),
+]
+ModeOption = Annotated[str, typer.Option(help="Pull distance: foot (all slack), paper or between.")]
+OutOption = Annotated[
+    Path | None, typer.Option(help="Folder for the results [out/<name of the capture>].")
+]
+SeedOption = Annotated[int, typer.Option(min=0, help="Of every random choice.")]
+PicturesOption = Annotated[bool, typer.Option(help="Draw the pictures.")]
+ScenarioOption = Annotated[
+    Path | None, typer.Option(help="The cell, a *.scenario.yaml; the shipped one if left out.")
+]
+
+_LISTED = 12
+#: Share of the garment beyond the table's edge that is worth a note.
+_OVERHANG = 0.02
+
+
+@dataclass(frozen=True)
+class CaptureOptions:
+    """What the user said of a capture; see the options above."""
+
+    files: tuple[Path, ...]
+    head: Path | None = None
+    camera: str | None = None
+    colour: Path | None = None
+    registered: bool | None = None
+    pose: Path | None = None
+    yaw: float = 0.0
+    sensor: str | None = None
+    mode: str = "foot"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse options that contradict each other.
+
+        Raises:
+            InputError: naming them.
+        """
+        count = len(self.files)
+        if count > 2:
+            raise InputError(f"{count} files given; wanted one depth file or two images of a pair")
+        if count == 2 and self.head is None:
+            raise InputError("two images need --head head.yaml, the angles they were taken at")
+        if count == 1 and self.head is not None:
+            raise InputError("--head goes with two images, LEFT and RIGHT; one file was given")
+        of_depth = ("camera", "colour", "registered", "pose")
+        wrong = [name for name in of_depth if getattr(self, name) is not None]
+        if self.yaw:
+            wrong.append("yaw")
+        if count == 2 and wrong:
+            options = ", ".join(f"--{name}" for name in wrong)
+            raise InputError(f"{options}: not with two images, whose head.yaml says it all")
+
+    @property
+    def name(self) -> str:
+        """What the capture is called in titles and files."""
+        return " + ".join(path.name for path in self.files)
+
+    @property
+    def folder(self) -> Path:
+        """Where results go unless the user says otherwise."""
+        return Path("out") / self.files[0].stem
+
+
+def analysed(options: CaptureOptions, cell: "Cell") -> "Analysis":
+    """Read a capture, map it and find its wrinkles.
+
+    Args:
+        options: of the capture.
+        cell: for its table and the garment's place on it.
+
+    Raises:
+        InputError: a file or an option cannot be used, or there is no garment.
+    """
+    from unwrinkle.perception.sensor import noise_profile
+    from unwrinkle.perception.wrinkles.analysis import analyse
+    from unwrinkle.perception.wrinkles.targeting import TableTop
+
+    profile = noise_profile(options.sensor) if options.sensor is not None else None
+    mapped = _map_of_pair if options.head is not None else _map_of_depth
+    range_map = mapped(options, cell, profile)
+    x, y, _ = cell.table_centre
+    width, depth = cell.scenario.table.size
+    table = TableTop((float(x), float(y)), (width, depth))
+    return analyse(range_map, mode=options.mode, profile=profile, table=table)
+
+
+def _map_of_depth(
+    options: CaptureOptions, cell: "Cell", profile: "NoiseProfile | None"
+) -> "RangeMap":
+    from math import radians
+
+    from unwrinkle.perception.depth.range_mapping import load_capture, range_map_from_capture
+
+    capture = load_capture(
+        options.files[0],
+        options.camera,
+        options.colour,
+        colour_registered=options.registered,
+        pose=options.pose,
+    )
+    garment_x, garment_y = cell.scenario.garment_centre
+    return range_map_from_capture(
+        capture,
+        profile=profile,
+        centre=(garment_x, garment_y),
+        table_height=float(cell.table_centre[2]),
+        yaw=radians(options.yaw),
+        seed=options.seed,
+    )
+
+
+def _map_of_pair(
+    options: CaptureOptions, cell: "Cell", profile: "NoiseProfile | None"
+) -> "RangeMap":
+    from unwrinkle.perception.stereo.head_file import load_look
+    from unwrinkle.perception.stereo.pair import load_pair
+    from unwrinkle.perception.stereo.range_mapping import KnownTable, range_map_from_pair
+
+    assert options.head is not None
+    look, calibration = load_look(options.head)
+    pair = load_pair(*options.files)
+    x, y, height = (float(value) for value in cell.table_centre)
+    width, depth = cell.scenario.table.size
+    return range_map_from_pair(
+        pair,
+        calibration.stereo_head(cell.limits.head),
+        look.gaze,
+        table=KnownTable((x, y), (width, depth), height),
+        profile=profile,
+        seed=options.seed,
+    )
+
+
+def save_analysis(
+    folder: Path,
+    analysis: "Analysis",
+    options: CaptureOptions,
+    *,
+    pictures: bool,
+    singles: bool = False,
+) -> None:
+    """Write the range map, analysis.json and, if wanted, the panel of pictures and each one singly."""
+    from unwrinkle.models.files import write_json
+
+    entropy = analysis.wrinkledness
+    analysis.range_map.save(folder / "range_map.npz")
+    write_json(folder / "analysis.json", _report(analysis, entropy, options))
+    if pictures:
+        from unwrinkle.runs.pictures import save_pictures
+
+        save_pictures(folder, analysis, entropy, title=options.name, singles=singles)
+
+
+def _report(
+    analysis: "Analysis", entropy: "Wrinkledness", options: CaptureOptions
+) -> dict[str, object]:
+    return {
+        **analysis.to_json(),
+        "capture": options.name,
+        "wrinkledness": {
+            "point": None if entropy.point is None else entropy.point.tolist(),
+            "entropy_max": float(entropy.entropy.max()),
+        },
+    }
+
+
+def print_wrinkles(console: "Console", analysis: "Analysis", marked: int | None) -> None:
+    """Print the table of wrinkles, largest first; the one that is to be pulled has a star."""
+    from math import atan2, degrees
+
+    from rich.table import Table
+
+    table = Table(title=f"{len(analysis.wrinkles)} wrinkles, largest first (mm, deg)")
+    for name in ("", "length", "width", "chord", "peak", "pull", "angle", "score"):
+        table.add_column(name, justify="right")
+    for index, wrinkle in enumerate(analysis.wrinkles[:_LISTED]):
+        lengths = (
+            wrinkle.length,
+            wrinkle.width,
+            wrinkle.chord_height,
+            wrinkle.peak_height,
+            wrinkle.pull_distance(analysis.mode),
+        )
+        angle = degrees(atan2(wrinkle.direction[1], wrinkle.direction[0]))
+        table.add_row(
+            f"{index + 1}{'*' if index == marked else ' '}",
+            *(f"{1e3 * length:.1f}" for length in lengths),
+            f"{angle:.0f}",
+            f"{wrinkle.volume_score:.2f}",
+        )
+    console.print(table)
+    beyond = analysis.share_beyond_table
+    if beyond > _OVERHANG:
+        console.print(
+            f"[bold]note[/bold]: {beyond:.0%} of the garment lies beyond the table's edge"
+        )
+    hidden = len(analysis.wrinkles) - _LISTED
+    if hidden > 0:
+        console.print(f"and {hidden} smaller ones, all in analysis.json")
+
+
+@contextmanager
+def finished_folder(folder: Path, *, outdated: tuple[str, ...] = ()) -> Iterator[Path]:
+    """Give a temporary folder; its files replace those in the final one when all went well.
+
+    Args:
+        folder: the final one.
+        outdated: files of an earlier run that would contradict the new ones, and go.
+
+    Raises:
+        InputError: the final folder cannot be made.
+    """
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"{folder}: is a file; name a folder with --out")
+        work = Path(tempfile.mkdtemp(prefix=".unwrinkle-", dir=folder.parent))
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror})") from None
+    try:
+        yield work
+        folder.mkdir(exist_ok=True)
+        for path in sorted(work.iterdir()):
+            path.replace(folder / path.name)
+        for name in outdated:
+            (folder / name).unlink(missing_ok=True)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)

@@ -1,0 +1,1 @@
+"""Execution of a saved plan on a robot."""

@@ -1,0 +1,1 @@
+"""Summary, replay and export of a run log."""

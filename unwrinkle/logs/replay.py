@@ -1,0 +1,205 @@
+"""A run log in the browser: the robot as it was measured, the grippers as they were commanded, what happened beside it."""
+
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.hardware.run_log.reader import LogEvent, RunLogRecords
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.robot import Cell, load_cell
+from unwrinkle.models.scenario import load_scenario
+from unwrinkle.planning.plan import FlatteningPlan
+from unwrinkle.viewer.overlay import closed_page
+from unwrinkle.viewer.plan_shapes import target_shapes, wrinkle_shapes
+from unwrinkle.viewer.scene import CellScene, rgba, start_meshcat
+
+Array = NDArray[np.float64]
+
+FRAME_RATE = 30.0
+MOST_FRAMES = 900
+#: Rest that is shown before the first and after the last motion, s.
+_MARGIN = 1.0
+_MOVES = 1e-3
+_MOST_EVENTS = 40
+
+_PANEL = """
+<div style="position:fixed;left:12px;top:12px;max-width:24rem;max-height:92vh;overflow:auto;padding:.8rem 1rem;
+font:13px/1.4 system-ui,sans-serif;color:#1c2833;background:rgba(255,255,255,.92);border-radius:8px">
+<b>@@title@@</b>@@facts@@<table style="margin-top:.5rem;border-spacing:.4rem 0">@@rows@@</table></div>
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredTrack:
+    """Where the robot was measured, and where its blades were commanded, over time.
+
+    Attributes:
+        begin: of what is shown, host's clock, s.
+        times: (n,) s after the begin, increasing.
+        positions: (n, 13) rad.
+        openings: (n, 2) distance between the blades, m.
+    """
+
+    begin: float
+    times: Array
+    positions: Array
+    openings: Array
+
+    @property
+    def duration(self) -> float:
+        """Of what is shown, s."""
+        return float(self.times[-1])
+
+    def at(self, time: float) -> tuple[Array, Array]:
+        """Axes (13,) and openings (2,) at a time after the begin, s."""
+        axes = [np.interp(time, self.times, column) for column in self.positions.T]
+        blades = [np.interp(time, self.times, column) for column in self.openings.T]
+        return np.array(axes), np.array(blades)
+
+
+def measured_track(records: RunLogRecords, cell: Cell) -> MeasuredTrack:
+    """The part of a log in which the robot moves, with a little rest before and after.
+
+    Raises:
+        InputError: the log holds no two sets of feedback.
+    """
+    measured = records.measured
+    good = np.asarray(np.isfinite(measured.positions).all(axis=1))
+    times, positions = measured.times[good], measured.positions[good]
+    increasing = np.concatenate([[True], np.diff(times) > 0.0]) if len(times) else good[:0]
+    times, positions = times[increasing], positions[increasing]
+    if len(times) < 2:
+        raise InputError("the log holds no joint feedback to show; the run ended before any came")
+    moved = np.flatnonzero(np.abs(np.diff(positions, axis=0)).max(axis=1) > _MOVES)
+    first, last = (times[moved[0]], times[moved[-1] + 1]) if len(moved) else (times[0], times[-1])
+    shown = (times >= first - _MARGIN) & (times <= last + _MARGIN)
+    times, positions = times[shown], positions[shown]
+    openings = _openings(records.events, times, cell)
+    return MeasuredTrack(float(times[0]), times - times[0], positions, openings)
+
+
+def _openings(events: tuple[LogEvent, ...], times: Array, cell: Cell) -> Array:
+    """Distances between the blades (n, 2), from the commands and the blades' speed."""
+    opening, speed = float(cell.scenario.gripper.opening), float(cell.limits.gripper.velocity)
+    result = np.full((len(times), 2), opening)
+    value = np.full(2, opening)
+    commands = [e for e in events if e.kind == "gripper" and _closed(e) is not None]
+    for index, event in enumerate(commands):
+        goal = np.where(np.array(_closed(event)), 0.0, opening)
+        later = times >= event.time
+        way = speed * np.maximum(times[later] - event.time, 0.0)[:, None]
+        result[later] = value + np.clip(goal - value, -way, way)
+        if index + 1 < len(commands):
+            room = speed * (commands[index + 1].time - event.time)
+            value = value + np.clip(goal - value, -room, room)
+    return result
+
+
+def _closed(event: LogEvent) -> list[bool] | None:
+    closed = event.data.get("closed")
+    return closed if isinstance(closed, list) and len(closed) == 2 else None
+
+
+def plan_of(records: RunLogRecords) -> FlatteningPlan | None:
+    """The plan that a log names, if it is still there unchanged."""
+    path = records.header.get("plan_file")
+    if not isinstance(path, str) or not Path(path).is_file():
+        return None
+    try:
+        plan = FlatteningPlan.load(path)
+    except InputError:
+        return None
+    return plan if plan.content_hash == records.header.get("plan_hash") else None
+
+
+def cell_of(records: RunLogRecords, scenario: Path | None = None) -> Cell:
+    """The cell that a log was made in.
+
+    Args:
+        records: of the log.
+        scenario: another one; None for the log's own.
+
+    Raises:
+        InputError: the scenario is missing or wrong.
+    """
+    own = records.header.get("scenario")
+    if scenario is None and isinstance(own, str) and own:
+        scenario = Path(own)
+    return load_cell(load_scenario(scenario))
+
+
+def replay_page(
+    records: RunLogRecords, cell: Cell, plan: FlatteningPlan | None, *, title: str = ""
+) -> str:
+    """Build a self-contained page of what was measured.
+
+    Args:
+        records: of the log.
+        cell: it was made in.
+        plan: that was run, for the garment and the target; None where it is not at hand.
+        title: of the page.
+
+    Raises:
+        InputError: the log holds no motion to show.
+    """
+    track = measured_track(records, cell)
+    meshcat = start_meshcat()
+    scene = CellScene(cell, meshcat)
+    if plan is not None:
+        draw_plan(meshcat, plan)
+    count = min(max(int(track.duration * FRAME_RATE) + 1, 2), MOST_FRAMES)
+    meshcat.StartRecording(
+        frames_per_second=(count - 1) / max(track.duration, 1e-3),
+        set_visualizations_while_recording=False,
+    )
+    for time in np.linspace(0.0, track.duration, count):
+        scene.move(*track.at(float(time)))
+        scene.publish(float(time))
+    meshcat.StopRecording()
+    meshcat.PublishRecording()
+    heading = "Run log" + (f": {title}" if title else "")
+    before, body, after = closed_page(meshcat.StaticHtml(), heading).rpartition("</body>")
+    return f"{before}{_panel(records, track, heading)}\n{body}{after}"
+
+
+def draw_plan(meshcat: Any, plan: FlatteningPlan) -> None:
+    """Draw the garment as it was seen, the wrinkle and the target under `plan/`."""
+    garment = plan.garment
+    if garment is not None:
+        meshcat.SetTriangleColorMesh(
+            "plan/garment",
+            garment.p_WV.T.astype(float),
+            garment.triangles.T,
+            garment.colours.T / 255.0,
+        )
+    for path, mesh, colour in (*wrinkle_shapes(plan), *target_shapes(plan)):
+        meshcat.SetTriangleMesh(f"plan/{path}", mesh[0].T, mesh[1].T, rgba(colour))
+
+
+def _panel(records: RunLogRecords, track: MeasuredTrack, heading: str) -> str:
+    header = records.header
+    facts = [
+        f"plan {str(header.get('plan_hash', 'unknown'))[:12]} at site {header.get('site', 'unknown')}",
+        f"begun {header.get('begun', '')}",
+        "the robot is shown as it was measured, the grippers as they were commanded",
+    ]
+    if records.cut:
+        facts.append("the log was cut short: its program ended without closing it")
+    rows = [
+        f"<tr><td style='text-align:right;white-space:nowrap'>{event.time - track.begin:.2f} s</td><td>{escape(event.kind)}</td>"
+        f"<td>{escape(event.text)}</td></tr>"
+        for event in records.events[-_MOST_EVENTS:]
+    ]
+    parts = {
+        "title": escape(heading),
+        "facts": "".join(f"<div>{escape(fact)}</div>" for fact in facts),
+        "rows": "".join(rows),
+    }
+    panel = _PANEL
+    for key, value in parts.items():
+        panel = panel.replace(f"@@{key}@@", value)
+    return panel

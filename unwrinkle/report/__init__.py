@@ -1,0 +1,1 @@
+"""The report and the replay of a run."""

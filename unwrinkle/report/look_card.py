@@ -1,0 +1,244 @@
+"""One look of the report page: its pictures, its wrinkles, the plan and what came of it."""
+
+from dataclasses import dataclass
+from functools import partial
+from html import escape
+from math import degrees
+from typing import Any
+
+from unwrinkle.perception.range_map import RangeMap
+from unwrinkle.planning.plan import FlatteningPlan
+from unwrinkle.report.pictures import (
+    Picture,
+    Window,
+    analysis_marks,
+    camera_picture,
+    relief,
+    seen_from_above,
+)
+from unwrinkle.runs.folder import RUNNING
+from unwrinkle.runs.look_folder import LookFolder, readable
+from unwrinkle.runs.records import ActionRecord
+
+#: Kind and word of a run's status on the pages.
+STATUS = {
+    "flat": ("good", "flat"),
+    "stopped": ("fair", "stopped"),
+    "fault": ("bad", "fault"),
+    "interrupted": ("fair", "interrupted"),
+    RUNNING: ("fair", "no end recorded"),
+}
+_LISTED = 6
+
+
+@dataclass(frozen=True)
+class ReadLook:
+    """What could be read of a look; None for what is missing or damaged."""
+
+    folder: LookFolder
+    range_map: RangeMap | None
+    analysis: dict[str, Any] | None
+    plan: FlatteningPlan | None
+    verdict: dict[str, Any] | None
+    action: ActionRecord | None
+
+    @classmethod
+    def of(cls, folder: LookFolder) -> "ReadLook":
+        """Read what is there."""
+        return cls(
+            folder,
+            readable(folder.range_map),
+            readable(folder.analysis),
+            readable(folder.plan),
+            readable(folder.verdict),
+            readable(folder.action),
+        )
+
+    @property
+    def marked(self) -> dict[str, Any] | None:
+        """The analysis with the target that was planned for, where that is known."""
+        if self.analysis is None or self.plan is None:
+            return self.analysis
+        index = None if self.action is None else self.action.wrinkle
+        if index is None:
+            index = self.analysis.get("target", {}).get("wrinkle")
+        return {**self.analysis, "target": {**self.plan.target.to_json(), "wrinkle": index}}
+
+    @property
+    def acted(self) -> bool:
+        """Whether arms were to move after it."""
+        return self.plan is not None or (self.action is not None and bool(self.action.arms))
+
+
+def look_name(look: ReadLook) -> str:
+    """What the look is called on the page."""
+    return f"action {look.folder.index + 1}" if look.acted else f"look {look.folder.index + 1}"
+
+
+def look_card(look: ReadLook, after: ReadLook | None, window: Window | None, top: float) -> str:
+    """The look's section of the page.
+
+    Args:
+        look: that it is about.
+        after: the next look, if there is one.
+        window: that the pictures show; None where no range map was made.
+        top: height at the upper end of the colours, m.
+    """
+    pictures = [look_picture(look, window), _relief(look, window, top, "before: measured height")]
+    if look.acted:
+        if after is None:
+            pictures.append(_missing("no look after this action"))
+        else:
+            pictures.append(_relief(after, window, top, "after: the next look"))
+    columns = [_wrinkles(look) + _outcome(look), _plan(look)]
+    scale = f'<p class="small">height 0<span class="ramp"></span>{1e3 * top:.0f} mm'
+    legend = (
+        f'{scale}; <b style="color:#d50000">red</b> the wrinkle that is pulled, '
+        '<b style="color:#00a152">green</b> the fingers’ way in, <b style="color:#ff6d00">orange</b> the pull '
+        "(arrows not to scale)</p>"
+    )
+    outcome = ""
+    if look.action is not None:
+        kind = {"done": "good", "flat": "good"}.get(look.action.outcome, "fair")
+        outcome = f'<span class="status {kind}">{escape(look.action.outcome)}</span>'
+    elif look.acted:
+        outcome = '<span class="status fair">not finished</span>'
+    reason = escape(look.action.reason) if look.action is not None else ""
+    title = look_name(look).capitalize()
+    return (
+        f'<section id="look{look.folder.index}"><h2>{title}{outcome}</h2><p>{reason}</p>'
+        f'<div class="pictures">{"".join(pictures)}</div>{legend}'
+        f'<div class="columns"><div>{columns[0]}</div><div>{columns[1]}</div></div></section>'
+    )
+
+
+def _missing(text: str) -> str:
+    return f'<figure><div class="picture missing">{escape(text)}</div></figure>'
+
+
+def look_picture(look: ReadLook, window: Window | None) -> str:
+    """What the camera saw around the window, with marks, as a figure; in words if it is missing."""
+    if window is None:
+        return _missing("no range map was made")
+    height = 0.7 if look.range_map is None else look.range_map.table_height
+    picture = readable(partial(camera_picture, look.folder, window, height, look.marked))
+    if picture is not None:
+        return picture.html("what the left eye saw")
+    if look.range_map is not None:
+        marks = "" if look.marked is None else analysis_marks(look.marked, window.project)
+        above = seen_from_above(look.range_map, window, marks)
+        if above is not None:
+            return above.html("what the camera saw")
+    return _missing("no picture")
+
+
+def _relief(look: ReadLook, window: Window | None, top: float, caption: str) -> str:
+    if look.range_map is None or window is None:
+        return _missing("no range map was made")
+    before = caption.startswith("before")
+    data = look.marked if before else look.analysis
+    marks = ""
+    if data is not None:
+        marks = analysis_marks(data, window.project, only_target=not before)
+    picture: Picture = relief(look.range_map, window, top, marks if before else "")
+    return picture.html(caption)
+
+
+def _wrinkles(look: ReadLook) -> str:
+    if look.analysis is None:
+        return "<h3>wrinkles</h3><p>No analysis was made.</p>"
+    found = look.analysis.get("wrinkles", [])
+    if not found:
+        return "<h3>wrinkles</h3><p>None.</p>"
+    mode = look.analysis.get("mode", "foot")
+    marked = (look.marked or {}).get("target", {}).get("wrinkle")
+    rows = []
+    for index, w in enumerate(found[:_LISTED]):
+        read = ("paper", "foot") if mode == "between" else (mode,)
+        pull = sum(w[f"pull_distance_{name}"] for name in read) / len(read)
+        lengths = (w["length"], w["width"], w["peak_height"], pull)
+        cells = "".join(f"<td>{1e3 * value:.1f}</td>" for value in lengths)
+        pulled = ' class="pulled"' if index == marked and look.acted else ""
+        rows.append(
+            f"<tr{pulled}><td>{index + 1}</td>{cells}<td>{degrees(w['angle']):.0f}°</td>"
+            f"<td>{w['volume_score']:.2f}</td></tr>"
+        )
+    heads = "".join(
+        f"<th>{name}</th>"
+        for name in ("", "length mm", "width mm", "peak mm", "pull mm", "angle", "score")
+    )
+    more = len(found) - _LISTED
+    rest = f'<p class="small">and {more} smaller</p>' if more > 0 else ""
+    halting = (
+        f'<p class="small">worth pulling from {1e3 * look.analysis["halting_pull"]:.0f} mm of pull on; '
+        f"largest {1e3 * look.analysis['halting_measure']:.1f} mm</p>"
+    )
+    return f"<h3>{len(found)} wrinkles, largest first</h3><table><tr>{heads}</tr>{''.join(rows)}</table>{rest}{halting}"
+
+
+def _plan(look: ReadLook) -> str:
+    rows: list[tuple[str, str]] = []
+    plan, action, verdict = look.plan, look.action, look.verdict
+    if plan is not None:
+        pulls = [
+            f"{name} {1e3 * arm.share * plan.target.hands[arm.side].pull_distance:.1f} mm"
+            for name, arm in zip(("right", "left"), plan.arms, strict=True)
+            if arm is not None
+        ]
+        rows.append(("pull", ", ".join(pulls)))
+        rows.append(("turn-table", f"{degrees(plan.turntable):.0f}°"))
+        rows.append(("motion", f"{plan.motion_time:.2f} s"))
+        rows.append(("plan", plan.content_hash[:12]))
+    if verdict is not None:
+        word = "safe" if verdict.get("passed") else "NOT safe"
+        rows.append(("verdict", f"{word}, {len(verdict.get('checks', []))} checks"))
+        near = verdict.get("smallest_clearance")
+        if near is not None:
+            rows.append(("smallest clearance", f"{1e3 * near['distance']:.1f} mm"))
+            rows.append(("between", " and ".join(near["bodies"])))
+    if action is not None:
+        rows += _measured(action)
+    return _listed("plan, verdict and execution", rows, "Nothing was planned.")
+
+
+def _listed(title: str, rows: list[tuple[str, str]], empty: str) -> str:
+    if not rows:
+        return f"<h3>{title}</h3><p>{empty}</p>"
+    listed = "".join(
+        f'<tr><td>{escape(name)}</td><td class="text">{escape(text)}</td></tr>'
+        for name, text in rows
+    )
+    return f"<h3>{title}</h3><table>{listed}</table>"
+
+
+def _measured(action: ActionRecord) -> list[tuple[str, str]]:
+    rows: list[tuple[str, str]] = []
+    if action.clearance_measured is not None:
+        rows.append(("clearance in execution", f"{1e3 * action.clearance_measured:.1f} mm"))
+    rows += [("violation", text) for text in action.violations]
+    if action.following_error is not None:
+        rows.append(("following error", f"{1e3 * action.following_error:.2f} mrad"))
+    if action.grip_distance_error is not None:
+        rows.append(("grippers’ distance off by", f"{1e3 * action.grip_distance_error:.1f} mm"))
+    return rows
+
+
+def _outcome(look: ReadLook) -> str:
+    """What the simulated cloth itself says, and the time that it took."""
+    action = look.action
+    if action is None or not look.acted:
+        return ""
+    rows: list[tuple[str, str]] = []
+    before, after = action.truth_before, action.truth_after
+    for key, name, factor, unit in (
+        ("coverage", "coverage", 100.0, "%"),
+        ("height", "largest true height", 1e3, "mm"),
+    ):
+        if before is not None and key in before:
+            text = f"{factor * before[key]:.1f} {unit}"
+            if after is not None and key in after:
+                text = f"{factor * before[key]:.1f} → {factor * after[key]:.1f} {unit}"
+            rows.append((name, text))
+    if action.seconds:
+        rows.append(("wall clock", f"{action.total:.1f} s"))
+    return _listed("what came of it", rows, "Not known.")

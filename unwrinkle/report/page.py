@@ -1,0 +1,238 @@
+"""The report of a run: one self-contained page of whatever its folder holds."""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from html import escape
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from unwrinkle.models.files import write_text
+from unwrinkle.report.charts import Series, line_chart, stage_chart
+from unwrinkle.report.look_card import STATUS, ReadLook, look_card, look_name
+from unwrinkle.report.pictures import (
+    RAMP,
+    Window,
+    top_height,
+)
+from unwrinkle.runs.folder import RUNNING, RunFolder
+from unwrinkle.runs.look_folder import readable
+
+PAGE = "report.html"
+_EVENTS = 400
+#: What was real, by the station's form.
+_REAL = {
+    "sim": (
+        "The cloth, the robot, its cameras and their noise are simulated; perception, planning, verification and the "
+        "decisions are those that a real cell would run. Coverage and true height are the simulated cloth's own figures: "
+        "the loop never sees them."
+    ),
+    "loopback": (
+        "The cloth, the robot's bodies, its cameras and their noise are simulated; between them and the loop stand the real "
+        "drivers, which speak to a virtual controller over TCP and to virtual pan-tilt units over serial lines. Coverage and "
+        "true height are the simulated cloth's own figures: the loop never sees them."
+    ),
+    "hardware": (
+        "This run was on a site's devices. Nobody knows the garment's true height and coverage; heights are as they were "
+        "seen. What the controller was sent and what it measured stands in the run's controller-*.jsonl."
+    ),
+}
+
+
+def write_report(run: RunFolder) -> Path:
+    """Write `report.html` into the run's folder; return its path.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    path = run.path / PAGE
+    write_text(path, report_page(run))
+    return path
+
+
+def report_page(run: RunFolder) -> str:
+    """The page as text; what the folder lacks is left out or said to be missing."""
+    looks = [ReadLook.of(folder) for folder in run.looks()]
+    maps = [look.range_map for look in looks if look.range_map is not None]
+    window = readable(partial(Window.around, maps))
+    top = top_height(maps)
+    body = [_summary(run, looks), _charts(looks)]
+    for k, look in enumerate(looks):
+        after = looks[k + 1] if k + 1 < len(looks) else None
+        body.append(look_card(look, after, window, top))
+    if not looks:
+        body.append(
+            "<section><h2>No look</h2><p>The run ended before the first look.</p></section>"
+        )
+    body.append(_details(run))
+    rows, columns = (3, 4) if window is None else window.shape
+    parts = {
+        "title": escape(f"Flattening run {run.path.resolve().name}"),
+        "aspect": f"{columns} / {rows}",
+        "ramp": ", ".join(RAMP),
+        "body": "\n".join(body),
+    }
+    page = resources.files("unwrinkle.report").joinpath("page.html").read_text(encoding="utf-8")
+    for key, value in parts.items():
+        page = page.replace(f"@@{key}@@", value)
+    return page
+
+
+# ---------------------------------------------------------------- summary
+
+
+def _summary(run: RunFolder, looks: Sequence[ReadLook]) -> str:
+    kind, word = STATUS[run.status]
+    reason = run.reason
+    if run.status == RUNNING:
+        reason = "The run goes on still, or was killed; this is what its folder holds."
+    settings = run.settings
+    tiles = [
+        _tile(f"{sum(look.acted for look in looks)}", f"actions, of {settings.actions} at most"),
+        _change(
+            [_truth(look, "coverage") for look in looks], looks, "coverage", 100.0, " %", "coverage"
+        ),
+        _change(
+            [_truth(look, "height") for look in looks],
+            looks,
+            "height",
+            1e3,
+            " mm",
+            "largest true height",
+        ),
+        _tile(_duration(_seconds(run, looks)), "total time"),
+        _tile(f"{settings.seed}", "seed"),
+    ]
+    real = settings.station == "hardware"
+    garment = f"{settings.garment} ({settings.texture}), at first {settings.start}; "
+    what = (
+        f"{'' if real else garment}sensor {settings.sensor} at scale {settings.scale:g}; arms "
+        f"{settings.arms}; pull mode {settings.mode}"
+    )
+    return (
+        f'<section><h1>Flattening run {escape(run.path.resolve().name)}</h1><span class="status {kind}">{word}'
+        f'</span><p>{escape(reason)}</p><div class="tiles">{"".join(tiles)}</div><p>{escape(what)}</p>'
+        f'<p><code>{escape(settings.command)}</code></p><p class="note small">{_REAL.get(settings.station, "")}</p></section>'
+    )
+
+
+def _tile(value: str, name: str) -> str:
+    return f'<div class="tile"><b>{escape(value)}</b><span>{escape(name)}</span></div>'
+
+
+def _change(
+    before: Sequence[float | None],
+    looks: Sequence[ReadLook],
+    key: str,
+    factor: float,
+    unit: str,
+    name: str,
+) -> str:
+    values = [v for v in _over_looks(before, looks, key) if v is not None]
+    if not values:
+        return _tile("–", f"{name} (not known)")
+    return _tile(f"{factor * values[0]:.1f} → {factor * values[-1]:.1f}{unit}", name)
+
+
+def _truth(look: ReadLook, key: str) -> float | None:
+    truth = None if look.action is None else look.action.truth_before
+    return None if truth is None else truth.get(key)
+
+
+def _over_looks(
+    before: Sequence[float | None], looks: Sequence[ReadLook], key: str
+) -> list[float | None]:
+    """A truth's figure at each look, and after the last action where no look followed it."""
+    values = list(before)
+    for k, look in enumerate(looks):
+        truth = None if look.action is None else look.action.truth_after
+        if truth is None or not look.acted:
+            continue
+        if k + 1 == len(values):
+            values.append(truth.get(key))
+        elif values[k + 1] is None:
+            values[k + 1] = truth.get(key)
+    return values
+
+
+def _seconds(run: RunFolder, looks: Sequence[ReadLook]) -> float:
+    known = run.figures.get("seconds")
+    if isinstance(known, int | float):
+        return float(known)
+    return sum(look.action.total for look in looks if look.action is not None)
+
+
+def _duration(seconds: float) -> str:
+    whole = round(seconds)
+    return f"{whole // 60} min {whole % 60} s" if whole >= 60 else f"{seconds:.0f} s"
+
+
+def _charts(looks: Sequence[ReadLook]) -> str:
+    if not looks:
+        return ""
+    heights = _over_looks([_truth(look, "height") for look in looks], looks, "height")
+    coverage = _over_looks([_truth(look, "coverage") for look in looks], looks, "coverage")
+    seen: list[float | None] = [
+        None
+        if look.analysis is None
+        else 1e3 * max((w["peak_height"] for w in look.analysis.get("wrinkles", [])), default=0.0)
+        for look in looks
+    ]
+    parts = []
+    series = [Series("as seen", "#d1663f", seen)]
+    if any(value is not None for value in heights):
+        series.append(Series("true", "#2f80b9", [_times(1e3, v) for v in heights]))
+    chart = line_chart(series, unit="mm", limit=(5.0, "5 mm"))
+    parts.append(f"<div><h3>largest height, mm, after each action</h3>{chart}</div>")
+    shares = [v for v in coverage if v is not None]
+    if shares:
+        least = min(80.0, 10.0 * int(10.0 * min(shares)))
+        chart = line_chart(
+            [Series("covered", "#1aa38c", [_times(100.0, v) for v in coverage])],
+            unit="%",
+            least=least,
+            most=101.5,
+            limit=(98.0, "98 %"),
+        )
+        parts.append(f"<div><h3>coverage of the flat area, %, after each action</h3>{chart}</div>")
+    times = [
+        (look_name(look), look.action.seconds)
+        for look in looks
+        if look.action is not None and look.action.seconds
+    ]
+    stages = f"<h3>wall clock by stage</h3>{stage_chart(times)}" if times else ""
+    return f'<section><h2>Over the run</h2><div class="charts">{"".join(parts)}</div>{stages}</section>'
+
+
+def _times(factor: float, value: float | None) -> float | None:
+    return None if value is None else factor * value
+
+
+# ---------------------------------------------------------------- details
+
+
+def _details(run: RunFolder) -> str:
+    record = run.record
+    facts: list[tuple[str, Any]] = [
+        ("begun", record.get("created")),
+        ("ended", record.get("finished")),
+    ]
+    facts += list(_flat(record.get("versions"))) + list(_flat(record.get("machine")))
+    facts += list(_flat(run.figures))
+    listed = "".join(
+        f'<tr><td>{escape(str(name))}</td><td class="text">{escape(str(value))}</td></tr>'
+        for name, value in facts
+    )
+    events = run.events()
+    lines = "\n".join(
+        f"{event.time:9.3f} s  {event.state:<12} {event.text}" for event in events[-_EVENTS:]
+    )
+    return (
+        f"<section><h2>Details</h2><details><summary>versions, machine, figures</summary><table>{listed}</table>"
+        f"</details><details><summary>{len(events)} events</summary><pre>{escape(lines)}</pre></details>"
+        f"<details><summary>scenario</summary><pre>{escape(run.settings.scenario)}</pre></details></section>"
+    )
+
+
+def _flat(values: Any) -> list[tuple[str, Any]]:
+    return list(values.items()) if isinstance(values, Mapping) else []

@@ -1,0 +1,324 @@
+"""Pictures of an analysis that a person can judge.
+
+All are drawn as the robot sees its table: it stands below the picture and looks up, so the world's
+y axis points down and its x axis to the left. Seen from above nothing is mirrored.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from unwrinkle.models.files import atomic_path
+from unwrinkle.perception.range_map import RangeMap
+from unwrinkle.perception.target import FlatteningTarget
+from unwrinkle.perception.wrinkles.analysis import Analysis
+from unwrinkle.perception.wrinkles.surface import CLASS_NAMES
+from unwrinkle.perception.wrinkles.wrinkledness import Wrinkledness
+
+#: Koenderink's scale: green cup over cyan and blue rut, white saddle, yellow ridge, to red cap.
+CLASS_COLOURS = (
+    "#9a9a9a",
+    "#00b400",
+    "#00d7a0",
+    "#00c8ff",
+    "#8cb4ff",
+    "#ffffff",
+    "#fff0a0",
+    "#ffd200",
+    "#ff8c00",
+    "#e60000",
+)
+_HANDS = ("#d81b60", "#1e88e5")
+_SHOWN = 6  # wrinkles that get a number
+
+Painter = Callable[[Axes, Figure], None]
+
+
+def save_pictures(
+    folder: Path,
+    analysis: Analysis,
+    wrinkledness: Wrinkledness,
+    *,
+    title: str = "",
+    singles: bool = True,
+) -> list[Path]:
+    """Write `panel.png` and, with `singles`, one file per picture into the folder; return their paths."""
+    painters = _painters(analysis, wrinkledness)
+    written: list[Path] = []
+    for name, (caption, painter) in painters.items() if singles else ():
+        figure = Figure(figsize=(7.5, 6.0), layout="constrained")
+        axes = figure.add_subplot()
+        painter(axes, figure)
+        axes.set_title(caption, fontsize=10)
+        written.append(_write(figure, folder / f"{name}.png", 130))
+    figure = Figure(figsize=(18.0, 10.5), layout="constrained")
+    for axes, (caption, painter) in zip(
+        figure.subplots(2, 3).ravel(), painters.values(), strict=False
+    ):
+        painter(axes, figure)
+        axes.set_title(caption, fontsize=10)
+    for axes in figure.axes[len(painters) : 6]:
+        axes.set_axis_off()
+    figure.suptitle(title or "unwrinkle analyse")
+    written.append(_write(figure, folder / "panel.png", 100))
+    return written
+
+
+def _write(figure: Figure, path: Path, dpi: int) -> Path:
+    FigureCanvasAgg(figure)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=dpi, pil_kwargs={"compress_level": 3})
+    return path
+
+
+def _painters(analysis: Analysis, wrinkledness: Wrinkledness) -> dict[str, tuple[str, Painter]]:
+    range_map = analysis.range_map
+    count = len(analysis.wrinkles)
+    painters: dict[str, tuple[str, Painter]] = {}
+    if range_map.colour is not None:
+        painters["colour"] = ("colour and garment", lambda a, f: _colour(a, range_map))
+    painters["height"] = (
+        "height above the table",
+        lambda a, f: _height(a, f, range_map),
+    )
+    painters["classes"] = ("shape index", lambda a, f: _classes(a, analysis))
+    painters["ridges"] = (
+        f"ridges, contours, triplets: {count} wrinkle{'' if count == 1 else 's'}",
+        lambda a, f: _ridges(a, analysis),
+    )
+    painters["wrinkledness"] = (
+        "wrinkledness and its grasp point",
+        lambda a, f: _wrinkledness(a, f, range_map, wrinkledness),
+    )
+    painters["target"] = (_target_caption(analysis), lambda a, f: _target(a, analysis))
+    return painters
+
+
+def _target_caption(analysis: Analysis) -> str:
+    if isinstance(analysis.target, FlatteningTarget):
+        first, second = (1e3 * hand.pull_distance for hand in analysis.target.hands)
+        return f"flattening: pull {first:.0f} mm and {second:.0f} mm"
+    return "nothing to do" if analysis.target.flat else "no target"
+
+
+def _extent(range_map: RangeMap) -> tuple[float, float, float, float]:
+    x_min, x_max, y_min, y_max = range_map.extent
+    return (x_min, x_max, y_max, y_min)
+
+
+def _frame(axes: Axes, range_map: RangeMap) -> None:
+    x_min, x_max, y_min, y_max = range_map.extent
+    axes.set_xlim(x_max, x_min)
+    axes.set_ylim(y_max, y_min)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+    axes.tick_params(labelsize=8)
+    width = x_max - x_min
+    bar = max(size for size in (0.01, 0.02, 0.05, 0.1, 0.2) if size < 0.3 * width or size == 0.01)
+    left, low = x_max - 0.04 * width, y_max - 0.04 * (y_max - y_min)
+    for thickness, colour in ((5.0, "black"), (2.5, "white")):
+        axes.plot([left, left - bar], [low, low], color=colour, lw=thickness, solid_capstyle="butt")
+    axes.text(
+        left - 0.5 * bar,
+        low - 0.015 * (y_max - y_min),
+        f"{bar * 100:.0f} cm",
+        ha="center",
+        va="bottom",
+        fontsize=8,
+        bbox={"facecolor": "white", "alpha": 0.7, "pad": 1.0, "lw": 0.0},
+    )
+
+
+def _outline(axes: Axes, range_map: RangeMap, colour: str = "black") -> None:
+    ny, nx = range_map.shape
+    x = range_map.origin[0] + range_map.resolution * np.arange(nx)
+    y = range_map.origin[1] + range_map.resolution * np.arange(ny)
+    axes.contour(x, y, range_map.garment.astype(float), levels=[0.5], colors=colour, linewidths=0.8)
+
+
+def _colour(axes: Axes, range_map: RangeMap) -> None:
+    assert range_map.colour is not None
+    axes.imshow(range_map.colour, extent=_extent(range_map))
+    _outline(axes, range_map, "lime")
+    _frame(axes, range_map)
+
+
+def _bar(axes: Axes, figure: Figure, image: Any, label: str) -> None:
+    figure.colorbar(image, ax=axes, shrink=0.75, pad=0.02, label=label).ax.tick_params(labelsize=8)
+
+
+def _height(axes: Axes, figure: Figure, range_map: RangeMap) -> None:
+    shown = np.ma.masked_where(~range_map.valid, 1e3 * range_map.height)
+    on = range_map.garment & range_map.valid
+    top = float(np.percentile(1e3 * range_map.height[on], 99.7)) if on.any() else 10.0
+    image = axes.imshow(
+        shown, extent=_extent(range_map), cmap="turbo", vmin=min(-0.1 * top, 0.0), vmax=top
+    )
+    axes.set_facecolor("0.2")
+    _bar(axes, figure, image, "mm")
+    _outline(axes, range_map)
+    _frame(axes, range_map)
+
+
+def _classes(axes: Axes, analysis: Analysis) -> None:
+    range_map = analysis.range_map
+    shown = np.ma.masked_where(~range_map.garment, analysis.classes)
+    colours = ListedColormap(CLASS_COLOURS)
+    norm = BoundaryNorm(np.arange(-0.5, 10.0), colours.N)
+    axes.imshow(shown, extent=_extent(range_map), cmap=colours, norm=norm, interpolation="nearest")
+    axes.set_facecolor("0.2")
+    patches = [
+        Patch(facecolor=colour, edgecolor="0.3", label=name)
+        for name, colour in zip(CLASS_NAMES, CLASS_COLOURS, strict=True)
+    ]
+    axes.legend(handles=patches, fontsize=7, loc="center left", bbox_to_anchor=(1.01, 0.5))
+    _frame(axes, range_map)
+
+
+def _grey(axes: Axes, range_map: RangeMap) -> None:
+    """Relief as a quiet ground for lines: the height lit from the upper left."""
+    slope_y = np.gradient(range_map.height, range_map.resolution, axis=0)
+    slope_x = np.gradient(range_map.height, range_map.resolution, axis=1)
+    on = range_map.garment
+    spread = max(0.15, 2.0 * float(np.std(slope_x[on]))) if on.any() else 0.15
+    light = np.asarray(np.clip(0.62 + 0.25 * (slope_y - slope_x) / spread, 0.15, 1.0))
+    light[~range_map.garment] = 0.9
+    axes.imshow(light, extent=_extent(range_map), cmap="gray", vmin=0.0, vmax=1.0)
+
+
+def _ridges(axes: Axes, analysis: Analysis) -> None:
+    range_map = analysis.range_map
+    _grey(axes, range_map)
+    for index, wrinkle in enumerate(analysis.wrinkles):
+        first = index == 0
+        left, right = wrinkle.contours
+        for a, b in zip(left, right, strict=True):
+            axes.plot([a[0], b[0]], [a[1], b[1]], color="#7cb342", lw=0.35, alpha=0.7)
+        for contour in (left, right):
+            axes.plot(contour[:, 0], contour[:, 1], ".", color="#1e88e5", ms=1.5)
+        axes.plot(
+            wrinkle.curve[:, 0],
+            wrinkle.curve[:, 1],
+            color="#e53935" if first else "#fb8c00",
+            lw=2.2 if first else 1.2,
+        )
+        if index < _SHOWN:
+            axes.text(
+                float(wrinkle.centre[0]),
+                float(wrinkle.centre[1]),
+                str(index + 1),
+                fontsize=8,
+                ha="center",
+                va="center",
+                bbox={"boxstyle": "circle", "facecolor": "white", "alpha": 0.85, "pad": 0.15},
+            )
+    _outline(axes, range_map)
+    _frame(axes, range_map)
+
+
+def _wrinkledness(
+    axes: Axes, figure: Figure, range_map: RangeMap, wrinkledness: Wrinkledness
+) -> None:
+    ny, nx = wrinkledness.entropy.shape
+    half, (x, y) = 0.5 * wrinkledness.resolution, wrinkledness.origin
+    right, low = x + (nx - 0.5) * wrinkledness.resolution, y + (ny - 0.5) * wrinkledness.resolution
+    shown = np.ma.masked_equal(wrinkledness.entropy, 0.0)
+    image = axes.imshow(shown, extent=(x - half, right, low, y - half), cmap="inferno", vmin=0.0)
+    axes.set_facecolor("0.75")
+    _bar(axes, figure, image, "entropy (nat)")
+    if wrinkledness.point is not None:
+        axes.plot(*wrinkledness.point, "+", color="cyan", ms=16, mew=2.5)
+        axes.plot(*wrinkledness.point, "o", color="cyan", ms=12, mfc="none", mew=1.5)
+    _outline(axes, range_map)
+    _frame(axes, range_map)
+
+
+def _target(axes: Axes, analysis: Analysis) -> None:
+    range_map = analysis.range_map
+    if range_map.colour is not None:
+        axes.imshow(range_map.colour, extent=_extent(range_map))
+    else:
+        _grey(axes, range_map)
+    _outline(axes, range_map, "white" if range_map.colour is not None else "black")
+    target = analysis.target
+    if not isinstance(target, FlatteningTarget):
+        axes.text(
+            0.5,
+            0.5,
+            _folded(target.reason),
+            transform=axes.transAxes,
+            ha="center",
+            va="center",
+            fontsize=9,
+            bbox={"facecolor": "white", "alpha": 0.85},
+        )
+        _frame(axes, range_map)
+        return
+    if analysis.target_index is not None:
+        curve = analysis.wrinkles[analysis.target_index].curve
+        axes.plot(curve[:, 0], curve[:, 1], color="#ffeb3b", lw=2.5)
+    x_min, x_max, y_min, y_max = range_map.extent
+    reach = 0.12 * max(x_max - x_min, y_max - y_min)
+    for hand, colour in zip(target.hands, _HANDS, strict=True):
+        grasp = hand.p_WG[:2]
+        _arrow(axes, grasp - reach * hand.grasp_direction, grasp, colour, dashed=True)
+        # The pull is a few millimetres: drawn with a least length, the caption has the figure.
+        length = max(hand.pull_distance, 0.6 * reach)
+        _arrow(axes, grasp, grasp + length * hand.pull_direction, colour, dashed=False)
+        axes.plot(*grasp, "o", color=colour, mec="white", ms=8)
+    handles = [
+        Patch(facecolor=colour, label=f"hand {i}: {1e3 * hand.pull_distance:.1f} mm")
+        for i, (hand, colour) in enumerate(zip(target.hands, _HANDS, strict=True))
+    ]
+    axes.legend(
+        handles=handles,
+        fontsize=8,
+        loc="center left",
+        bbox_to_anchor=(1.01, 0.5),
+        title="dashed: approach\nsolid: pull",
+        title_fontsize=8,
+    )
+    margin = 1.3 * reach
+    points = np.array([hand.p_WG[:2] for hand in target.hands])
+    _frame(axes, range_map)
+    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
+    axes.set_xlim(max(x_max, high[0]), min(x_min, low[0]))
+    axes.set_ylim(max(y_max, high[1]), min(y_min, low[1]))
+
+
+def _arrow(axes: Axes, start: Any, end: Any, colour: str, *, dashed: bool) -> None:
+    axes.annotate(
+        "",
+        xy=tuple(end),
+        xytext=tuple(start),
+        arrowprops={
+            "arrowstyle": "->" if dashed else "-|>",
+            "color": colour,
+            "lw": 2.0 if dashed else 3.0,
+            "ls": "--" if dashed else "-",
+            "shrinkA": 0.0,
+            "shrinkB": 0.0,
+        },
+    )
+
+
+def _folded(text: str, width: int = 60) -> str:
+    lines, line = [], ""
+    for word in text.split():
+        if len(line) + len(word) > width:
+            lines.append(line)
+            line = ""
+        line = f"{line} {word}".strip()
+    return "\n".join([*lines, line])

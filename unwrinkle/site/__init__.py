@@ -1,0 +1,1 @@
+"""A laboratory's devices: found, connected, checked."""

@@ -1,0 +1,205 @@
+"""Every device of a site asked whether it is there and well; nothing is sent that could move anything.
+
+The controller's motion port is connected to only where its status says that its queues are empty: it would run what is
+left in them as soon as it accepts a connection.
+The cameras take one picture: a DSLR's shutter is all that moves.
+"""
+
+import datetime
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from unwrinkle.hardware.controller.driver import QUEUE_LEFT
+from unwrinkle.models.errors import HardwareError, UnwrinkleError
+from unwrinkle.models.limits import Limits
+from unwrinkle.models.scenario import resolve
+from unwrinkle.models.site import GROUPS, Site
+from unwrinkle.perception.stereo.head import StereoHead
+from unwrinkle.perception.stereo.head_file import load_calibration
+from unwrinkle.site._controller import ControllerFacts, listen, problem_of, reach, read_inputs
+from unwrinkle.site._devices import check_cameras, check_can_grippers, check_unit, exposure_time
+from unwrinkle.site.preflight_checks import check_calibration
+
+
+@dataclass(frozen=True)
+class DeviceRow:
+    """One device, or one thing about it.
+
+    Attributes:
+        name: of it.
+        passed: whether it is there and well.
+        text: what was found; what is missing and what to do.
+    """
+
+    name: str
+    passed: bool
+    text: str
+
+
+def check_site(
+    site: Site,
+    limits: Limits,
+    *,
+    today: datetime.date | None = None,
+    clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
+    tell: Callable[[str], None] = lambda text: None,
+) -> tuple[DeviceRow, ...]:
+    """Ask every device of a site.
+
+    Args:
+        site: to check.
+        limits: of the robot's axes.
+        today: for the calibration's age.
+        clock: monotonic, s.
+        sleep: waits for a time, s.
+        tell: is told what is being asked, and for how long at most where that may be long.
+
+    Returns:
+        A row per device; what is missing is a value, not an exception.
+    """
+    day = datetime.date.today() if today is None else today
+    tell("the controller")
+    rows = _controller_rows(site, limits, clock)
+    head = _calibrated(site, limits)
+    for eye, device in (("left", site.pan_tilt.left), ("right", site.pan_tilt.right)):
+        label = f"{eye} pan-tilt unit"
+        tell(f"the {label}")
+        ask = partial(check_unit, device, site.pan_tilt, eye, head, clock, sleep)
+        rows.append(_row(label, ask))
+    most = f", for at most {exposure_time(site.cameras):.0f} s"
+    watch = "; release them now" if site.cameras.kind == "watch" else ""
+    tell("the cameras" + ("" if site.cameras.kind == "none" else most + watch))
+    rows.append(_row("cameras", lambda: check_cameras(site.cameras, head)))
+    tell("the grippers")
+    rows.append(_row("grippers", lambda: _grippers(site, clock, sleep)))
+    rows.append(_row("calibration", lambda: check_calibration(site, day)))
+    return tuple(rows)
+
+
+def _calibrated(site: Site, limits: Limits) -> StereoHead | None:
+    """The head as calibrated; None without a calibration that can be read, which has a row of its own."""
+    if not site.calibration:
+        return None
+    try:
+        return load_calibration(resolve(site.calibration)).stereo_head(limits.head)
+    except UnwrinkleError:
+        return None
+
+
+def _row(name: str, ask: Callable[[], str]) -> DeviceRow:
+    try:
+        return DeviceRow(name, True, ask())
+    except UnwrinkleError as error:
+        return DeviceRow(name, False, str(error))
+
+
+def _controller_rows(site: Site, limits: Limits, clock: Callable[[], float]) -> list[DeviceRow]:
+    """The state server first: it alone says whether a motion connection may be made."""
+    c = site.controller
+    # Asked first, since the grippers need this port again, and it takes one client at a time.
+    io = _row("controller I/O", partial(_io, site))
+    rows = []
+    facts: ControllerFacts | None = None
+    try:
+        facts = listen(c, clock)
+        rows.append(DeviceRow("controller state", True, f"{c.host}:{c.state_port} answers"))
+    except HardwareError as error:
+        rows.append(DeviceRow("controller state", False, str(error)))
+    rows.append(_row("controller motion", partial(_motion, site, facts)))
+    rows.append(io)
+    if facts is None:
+        return rows
+    found = facts
+    rows.append(_row("robot status", lambda: _status(found)))
+    rows.append(_row("joint feedback", lambda: _feedback(site, found)))
+    rows.append(_row("joint positions", lambda: _positions(site, limits, found)))
+    rows.append(DeviceRow("assumptions", True, _assumptions(site)))
+    return rows
+
+
+def _motion(site: Site, facts: ControllerFacts | None) -> str:
+    c = site.controller
+    if facts is None or facts.status is None or facts.status.in_motion not in (0, 1):
+        raise HardwareError(
+            f"{c.host}:{c.motion_port} was not tried: nothing says whether the controller's queues are empty, and it "
+            "would run them at the next connection"
+        )
+    if facts.status.in_motion == 1:
+        raise HardwareError(f"{c.host}:{c.motion_port} was not tried: {QUEUE_LEFT}")
+    return reach(c, "motion", c.motion_port)
+
+
+def _io(site: Site) -> str:
+    if not site.needs_io:
+        return "not needed: no gripper is switched by the controller's outputs"
+    return reach(site.controller, "I/O", site.controller.io_port)
+
+
+def _assumptions(site: Site) -> str:
+    """What cannot be asked of the controller, and is taken from the site."""
+    c = site.controller
+    still = [name for name in GROUPS if name not in c.groups_moved]
+    moved = f"moves {', '.join(c.groups_moved)}" + (f", not {', '.join(still)}" if still else "")
+    return (
+        f"the firmware {moved}; refuses points above {c.speed_cap:g} of an axis' speed, and starts more than "
+        f"{c.start_pulses:g} pulses off; answers motion within {1e3 * c.latency:.0f} ms (the first run tells how long it "
+        "takes). Not asked: it cannot be"
+    )
+
+
+def _status(facts: ControllerFacts) -> str:
+    if facts.status is None:
+        raise HardwareError(
+            "no ROBOT_STATUS came within a second; is the state server the right one?"
+        )
+    if facts.status.problem:
+        raise HardwareError(facts.status.problem)
+    servo = "servo on" if facts.status.drives_powered == 1 else "servo off until the first motion"
+    return f"play mode, no alarm, no emergency stop, {servo}"
+
+
+def _feedback(site: Site, facts: ControllerFacts) -> str:
+    problem = problem_of(site.controller, facts)
+    if problem:
+        raise HardwareError(problem)
+    return (
+        f"{facts.rate:.1f} sets a second of the groups {', '.join(site.controller.groups)}, longest gap "
+        f"{1e3 * facts.longest_gap:.0f} ms"
+    )
+
+
+def _positions(site: Site, limits: Limits, facts: ControllerFacts) -> str:
+    q = facts.positions
+    if q is None:
+        raise HardwareError("no whole set of joint positions came")
+    if not np.isfinite(q).all():
+        raise HardwareError("a joint position is not a finite number")
+    out = np.flatnonzero((q < limits.lower - 5e-3) | (q > limits.upper + 5e-3))
+    if len(out):
+        text = ", ".join(f"axis {i + 1}: {q[i]:.3f} rad" for i in out)
+        raise HardwareError(
+            f"outside the robot's limits: {text}; are these degrees, or are the groups in another order than "
+            f"{', '.join(site.controller.groups)}?"
+        )
+    return "within limits: " + " ".join(f"{np.degrees(value):.1f}" for value in q) + " deg"
+
+
+def _grippers(site: Site, clock: Callable[[], float], sleep: Callable[[float], None]) -> str:
+    g = site.grippers
+    if g.kind == "none":
+        return "this site has none"
+    if g.kind == "can":
+        return check_can_grippers(g, clock, sleep)
+    addresses = sorted({a for a in (*g.closed_input, *g.holding_input) if a} | set(g.close_output))
+    values = read_inputs(site.controller, addresses)
+    silent = [address for address, value in values.items() if value is None]
+    if silent:
+        raise HardwareError(
+            f"the controller does not read the addresses {', '.join(map(str, silent))}; are they the right ones?"
+        )
+    return "digital: " + ", ".join(f"{address} is {value}" for address, value in values.items())

@@ -1,0 +1,130 @@
+"""The virtual controller with virtual grippers and pan-tilt units, in real time, for a site."""
+
+from math import exp
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from unwrinkle.models.limits import Limits
+from unwrinkle.models.site import Site
+from unwrinkle.perception.stereo.head_file import nominal_calibration
+from unwrinkle.simulation.controllers.controller import (
+    VirtualController,
+    VirtualControllerSettings,
+)
+from unwrinkle.simulation.controllers.server import ControllerServer, ServerFault
+from unwrinkle.simulation.devices.digital_grippers import VirtualDigitalGrippers
+from unwrinkle.simulation.devices.serial_pan_tilt import PtyPort, VirtualSerialPanTilt
+from unwrinkle.systems.station.virtual_devices import unit_settings
+
+
+class VirtualEquipment:
+    """What `unwrinkle controller` runs.
+
+    Attributes:
+        controller, server: the virtual controller and what listens for it.
+        devices: of the pan-tilt units' serial ports, left and right; empty without them.
+        measured: (13,) where the axes are, rad.
+    """
+
+    def __init__(
+        self,
+        site: Site,
+        limits: Limits,
+        start: ArrayLike,
+        *,
+        settings: VirtualControllerSettings | None = None,
+        ports: tuple[int, int, int] | None = None,
+        faults: tuple[ServerFault, ...] = (),
+        lag: float = 0.0,
+        cloth: bool = True,
+        pan_tilt: bool = False,
+    ) -> None:
+        """Listen on the site's address and ports.
+
+        Args:
+            site: whose equipment is stood in for.
+            limits: of the axes.
+            start: (13,) where they stand, rad.
+            settings: of the controller; those of the site's keys if left out.
+            ports: of motion, state and I/O in place of the site's; 0 lets the system choose.
+            faults: that the server commits.
+            lag: time constant of the axes behind what they are told, beside the controller's delay, s; 0 for none.
+            cloth: whether grippers that close hold cloth.
+            pan_tilt: whether there are pan-tilt units, as the shipped head has them.
+
+        Raises:
+            HardwareError: a port is taken.
+        """
+        place = site.controller
+        if settings is None:
+            settings = VirtualControllerSettings.of_site(place)
+        self.controller = VirtualController(
+            settings, start, (limits.lower, limits.upper, limits.velocity)
+        )
+        wanted = place.motion_port, place.state_port, place.io_port
+        self.server = ControllerServer(
+            self.controller, place.host, wanted if ports is None else ports, faults
+        )
+        if settings.firmware == "2013":  # it has no such port
+            self.server.stop_listening("io")
+        self.measured = self.controller.positions
+        self._lag, self._cloth = lag, (cloth, cloth)
+        self._grippers = VirtualDigitalGrippers(site.grippers)
+        head = nominal_calibration().stereo_head(limits.head)
+        self._units = [
+            VirtualSerialPanTilt(unit_settings(eye.unit))
+            for eye in (head.left, head.right)
+            if pan_tilt
+        ]
+        self._serial = [PtyPort() for _ in self._units]
+        self.devices = tuple(port.device for port in self._serial)
+        self._now: float | None = None
+        self._told = self._shown()
+
+    def step(self, now: float) -> list[str]:
+        """Move on to a time of any monotonic clock, s; what happened, one line each."""
+        step = 0.0 if self._now is None else max(now - self._now, 0.0)
+        self._now = now
+        before = self.measured
+        share = 1.0 - exp(-step / self._lag) if self._lag > 0.0 else 1.0
+        self.measured = before + share * (self.controller.axis_positions - before)
+        speed = (self.measured - before) / step if step > 0.0 else np.zeros_like(before)
+        self.controller.inputs |= self._grippers.update(now, self.controller.outputs, self._cloth)
+        self.server.poll(now, self.measured, speed)
+        for port, unit in zip(self._serial, self._units, strict=True):
+            port.poll(unit, now)
+        return self._news()
+
+    def close(self) -> None:
+        """Close every port; a second time changes nothing."""
+        self.server.close()
+        for port in self._serial:
+            port.close()
+
+    def _news(self) -> list[str]:
+        texts = [text for _, text in self.server.events]
+        self.server.events.clear()
+        shown = self._shown()
+        texts += [f"{name}: {value}" for name, value in shown.items() if value != self._told[name]]
+        self._told = shown
+        return texts
+
+    def _shown(self) -> dict[str, object]:
+        """What is told when it changes."""
+        controller = self.controller
+        return {
+            "mode": controller.mode,
+            "remote": "on" if controller.remote else "off",
+            "emergency stop": "pressed" if controller.e_stop else "released",
+            "hold": "pressed" if controller.hold else "released",
+            "alarm": controller.alarm or "none",
+            "servos": "on" if controller.servo else "off",
+            "trajectory mode": "on" if controller.trajectory_mode else "off",
+            "axes": "move" if controller.moving else "rest",
+            "queues that ran out in motion": controller.underruns,
+            "grippers (right, left)": ", ".join(
+                "closed" if closed else "open" for closed in self._grippers.closed
+            ),
+            "connections refused as garbage": len(self.server.rejected),
+        }

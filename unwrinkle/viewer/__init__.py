@@ -1,0 +1,1 @@
+"""The cell, plans and live runs in the browser."""

@@ -1,0 +1,157 @@
+"""The loop in a live Meshcat: robot and cloth as they move, what the head saw, what was found and planned.
+
+Meshcat sends from a thread of its own, so nothing here waits for a browser.
+"""
+
+import time as clock
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.robot import Cell
+from unwrinkle.perception.wrinkles.analysis import Analysis
+from unwrinkle.planning.plan import FlatteningPlan
+from unwrinkle.viewer.plan_shapes import ridge_shapes, target_shapes
+from unwrinkle.viewer.scene import CellScene, in_first_view, rgba
+from unwrinkle.viewer.text_panel import board, picture_board
+
+Array = NDArray[np.float64]
+
+#: Most updates per second of wall clock; what comes sooner is left out.
+RATE = 25.0
+_CLOTH = np.array([0.27, 0.49, 0.72])
+#: Direction to a light from the side: under the viewer's own, from everywhere, folds would hardly show.
+_LIGHT = np.array([-0.62, -0.35, 0.70])
+_INK = "#3b4654"
+
+
+class LiveView:
+    """A cell, its cloth and the loop's findings in a Meshcat."""
+
+    def __init__(self, cell: Cell, meshcat: Any, triangles: NDArray[Any] | None) -> None:
+        """Send the cell.
+
+        Args:
+            cell: to show.
+            meshcat: to show it in; see `scene.start_meshcat`.
+            triangles: (m, 3) of the cloth's vertices; None where no cloth is to be shown.
+
+        Raises:
+            InputError: the triangles have another shape, or the cell's models cannot be read.
+        """
+        faces = np.zeros((0, 3)) if triangles is None else np.asarray(triangles)
+        if faces.ndim != 2 or faces.shape[1] != 3:
+            raise InputError(f"cloth's triangles have shape {faces.shape}, wanted (m, 3)")
+        self.meshcat = meshcat
+        self._scene = CellScene(cell, meshcat, proximity=False)
+        self._faces = np.ascontiguousarray(faces.T.astype(np.int32))
+        self._next = 0.0
+        self._q = np.zeros(0)
+        self._cloth = np.zeros((0, 3))
+        self._lines: tuple[str, ...] = ()
+
+    def update(
+        self,
+        axes: Array,
+        head: Array,
+        openings: Array,
+        vertices: NDArray[np.floating[Any]] | None = None,
+        *,
+        force: bool = False,
+    ) -> bool:
+        """Show a posture and the cloth; what has not changed is not sent again.
+
+        Args:
+            axes: (13,) rad.
+            head: (4,) left pan, tilt, right pan, tilt, rad.
+            openings: (2,) of the right and the left gripper, m.
+            vertices: (n, 3) the cloth's, world, m; None leaves it as it is.
+            force: also where the last update was less than 1 / `RATE` ago.
+
+        Returns:
+            Whether anything was sent.
+        """
+        now = clock.perf_counter()
+        if now < self._next and not force:
+            return False
+        self._next = now + 1.0 / RATE
+        scene = self._scene
+        scene.move(axes, openings)
+        q = scene.positions()
+        q[scene.indices.head] = head
+        sent = False
+        if not np.array_equal(q, self._q):
+            scene.set_positions(q)
+            scene.publish()
+            self._q = q
+            sent = True
+        if vertices is not None and self._faces.size and not np.array_equal(vertices, self._cloth):
+            self._cloth = np.array(vertices)
+            colours = shaded(self._cloth, self._faces)
+            self.meshcat.SetTriangleColorMesh(
+                "loop/cloth", self._cloth.T.astype(float), self._faces, colours
+            )
+            sent = True
+        return sent
+
+    def show_look(self, left: NDArray[np.uint8] | None, right: NDArray[np.uint8] | None) -> None:
+        """Show what the eyes saw, (h, w, 3) RGB, on boards to both sides of the table; None takes one away."""
+        for name, picture, across in (("left", left, -0.66), ("right", right, 0.66)):
+            path = f"loop/{name} eye"
+            if picture is None:
+                self.meshcat.Delete(path)
+                continue
+            self.meshcat.SetObject(path, picture_board(picture, 0.52))
+            self.meshcat.SetTransform(path, in_first_view(across, -0.86, 3.0))
+
+    def show_analysis(self, analysis: Analysis | None) -> None:
+        """Show the wrinkles that were found, the target's in red; None takes them away."""
+        self.meshcat.Delete("loop/wrinkles")
+        if analysis is not None:
+            curves = [wrinkle.curve for wrinkle in analysis.wrinkles]
+            for path, mesh, colour in ridge_shapes(curves, analysis.target_index):
+                self._mesh(f"loop/wrinkles/{path}", mesh, colour)
+
+    def show_plan(self, plan: FlatteningPlan | None) -> None:
+        """Show where the arms will grasp and pull; None takes it away."""
+        self.meshcat.Delete("loop/plan")
+        if plan is not None:
+            for path, mesh, colour in target_shapes(plan):
+                self._mesh(f"loop/plan/{path}", mesh, colour)
+
+    def status(self, lines: Sequence[str]) -> None:
+        """Write lines on a board at the upper left of the first view; an empty list takes it away."""
+        text = tuple(line for line in lines if line)
+        if text == self._lines:
+            return
+        self._lines = text
+        if not text:
+            self.meshcat.Delete("loop/status")
+            return
+        self.meshcat.SetObject(
+            "loop/status", board([(line, _INK) for line in text], 0.08 * len(text) + 0.08)
+        )
+        self.meshcat.SetTransform("loop/status", in_first_view(-0.52, 0.60, 3.0))
+
+    def _mesh(self, path: str, mesh: tuple[Array, NDArray[np.int32]], colour: str) -> None:
+        vertices, faces = mesh
+        self.meshcat.SetTriangleMesh(path, vertices.T, faces.T, rgba(colour))
+
+
+def shaded(vertices: Array, faces: NDArray[np.int32]) -> Array:
+    """Colours (3, n) of vertices (n, 3) in the light from the side; faces (3, m)."""
+    x, y, z = np.ascontiguousarray(vertices.T, dtype=float)
+    i, j, k = faces
+    u = x[j] - x[i], y[j] - y[i], z[j] - z[i]
+    v = x[k] - x[i], y[k] - y[i], z[k] - z[i]
+    up = u[0] * v[1] - u[1] * v[0]
+    turn = np.where(up < 0.0, -1.0, 1.0)
+    across = turn * (u[1] * v[2] - u[2] * v[1]), turn * (u[2] * v[0] - u[0] * v[2]), turn * up
+    corners = faces.ravel()
+    total = np.stack([np.bincount(corners, np.tile(n, 3), len(x)) for n in across])
+    slant = _LIGHT @ total / np.maximum(np.linalg.norm(total, axis=0), 1e-15)
+    light = 0.2 + 0.95 * np.maximum(slant, 0.0) ** 2
+    return np.asarray(np.clip(_CLOTH[:, None] * light, 0.0, 1.0))
