@@ -22,6 +22,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import noise_profile
@@ -31,8 +32,6 @@ from unwrinkle.perception.wrinkles.wrinkledness import wrinkledness
 from unwrinkle.simulation.cloth.cloth import Cloth
 from unwrinkle.simulation.cloth.fingers import STEP, carry, let_go, take
 from unwrinkle.simulation.cloth.state import ClothState
-
-Array = NDArray[np.float64]
 
 #: m/s, of a hand at its fastest.
 SPEED = 0.25

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from unwrinkle.models.transforms import Pose, inverse, pose, transformed
+from unwrinkle.models.arrays import Pose
+from unwrinkle.models.transforms import inverse, pose, transformed
 from unwrinkle.perception.calibration.boards import Board, BoardView, NoBoard, find_board
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.stereo.head import Gaze, StereoHead
@@ -24,7 +25,6 @@ _MOUNT_TURN, _MOUNT_SHIFT = np.radians(1.0), 0.004
 _BASE_TURN, _BASE_SHIFT = np.radians(0.5), 0.005
 _FOCAL, _CENTRE, _K = 0.006, 12.0, 0.03
 
-Image = NDArray[np.uint8]
 #: Makes the two views of a board at X_WT from the cameras' poses; None where it is not found.
 Eyes = Callable[[Pose, tuple[Pose, Pose]], tuple[BoardView | None, BoardView | None]]
 

@@ -5,8 +5,9 @@ from pydrake.math import RotationMatrix
 from pydrake.multibody.inverse_kinematics import InverseKinematics
 from pydrake.solvers import SnoptSolver
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell, build_robot_diagram, position_indices
-from unwrinkle.planning.robot.kinematics import Array, InverseSolution, Kinematics
+from unwrinkle.planning.robot.kinematics import InverseSolution, Kinematics
 
 _TOLERANCE = 1e-7
 

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.limits import Limits
 from unwrinkle.simulation.arms.track import Track
-
-Array = NDArray[np.float64]
 
 #: Of a limit: rounding of this reckoning.
 _RELATIVE = 1e-6

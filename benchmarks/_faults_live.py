@@ -12,16 +12,14 @@ from typing import Any, Self
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from unwrinkle.benchmarks import _faults_cells as cells
 from unwrinkle.hardware.motoros.wire import Command, MessageType, MotionControl
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.site import Site, loopback_site
 from unwrinkle.simulation.controllers.controller import VirtualController, VirtualControllerSettings
 from unwrinkle.simulation.controllers.server import ControllerServer, ServerFault
 from unwrinkle.simulation.devices.digital_grippers import VirtualDigitalGrippers
-
-Array = NDArray[np.float64]
 
 _STEP, _LAG = 0.002, 0.01
 #: s that a process may take.

@@ -12,12 +12,11 @@ from pydrake.common.value import Value
 from unwrinkle.benchmarks import _faults_cells as cells
 from unwrinkle.flattening.messages import Perceived
 from unwrinkle.flattening.station_messages import HeadImage
+from unwrinkle.models.arrays import Image
 from unwrinkle.perception.stereo.head import Gaze, StereoHead
 from unwrinkle.perception.stereo.head_file import nominal_calibration
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
 from unwrinkle.systems.perception.stereo import StereoPerception
-
-Image = NDArray[np.uint8]
 
 _SCALE = 0.25
 _TEXEL, _TEXELS = 0.0012, 1600

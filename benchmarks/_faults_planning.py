@@ -3,13 +3,13 @@
 import dataclasses as dc
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unwrinkle.benchmarks import _faults_cells as cells
 from unwrinkle.benchmarks._fault_rows import Case, Row
 from unwrinkle.benchmarks._faults_station import LoopRun, Script, run_loop, towel_capture
 from unwrinkle.benchmarks._plan_tasks import flattening_task
 from unwrinkle.flattening import state
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError, NoSafePlanError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.perception.depth.capture import Capture
@@ -20,8 +20,6 @@ from unwrinkle.planning.timing.straight_lines import time_line
 from unwrinkle.planning.verification.verifier import verify
 from unwrinkle.simulation.arms.track import Track
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
-
-Array = NDArray[np.float64]
 
 #: Rounding of the cubics' own extremes at a sample period, of a limit.
 _CUBICS = 0.01

@@ -28,6 +28,7 @@ from unwrinkle.hardware.controller_state import DriverStatus
 from unwrinkle.hardware.motoros.link import TcpLink
 from unwrinkle.hardware.motoros.wire import MessageType, MotionControl
 from unwrinkle.hardware.run_log.writer import RunLog
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.site import ControllerSite, loopback_site
 from unwrinkle.planning.trajectory import AXES, Trajectory
 from unwrinkle.simulation.controllers.controller import (
@@ -38,8 +39,6 @@ from unwrinkle.simulation.controllers.controller import (
 )
 from unwrinkle.simulation.controllers.server import ControllerServer, ServerFault
 from unwrinkle.systems.station.lockstep import MOST_ANSWERS
-
-Array = NDArray[np.float64]
 
 #: s between two polls of either side.
 STEP = 0.004

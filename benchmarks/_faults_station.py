@@ -7,13 +7,13 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, Diagram, LeafSystem, State
 
 from unwrinkle.flattening import station_messages
 from unwrinkle.flattening.state import Situation
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import load_scenario
 from unwrinkle.perception.camera import Camera
@@ -23,7 +23,6 @@ from unwrinkle.simulation.rendering.synthetic_towel import Towel, capture_of, ov
 from unwrinkle.systems.diagram import build_flattening_diagram, situation
 from unwrinkle.systems.held import held, hold, model
 
-Array = NDArray[np.float64]
 #: What the depth camera gives at the n-th exposure (from 1); an exception's text becomes the reason.
 Camera_ = Callable[[int], Capture]
 

@@ -4,15 +4,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unwrinkle.benchmarks import _faults_cells as cells
 from unwrinkle.benchmarks._faults_rig import Rig
+from unwrinkle.models.arrays import Array
 from unwrinkle.planning.sent_samples import as_sent
 from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.simulation.controllers.controller import VirtualControllerSettings
-
-Array = NDArray[np.float64]
 
 #: The axes begin to move within this, ms.
 _LATEST = 1500

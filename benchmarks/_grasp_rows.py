@@ -13,6 +13,7 @@ from unwrinkle.benchmarks._grasp_states import cloth_of, start_of, state_named
 from unwrinkle.benchmarks._loop_rows import VERTICES
 from unwrinkle.benchmarks._rows import Row
 from unwrinkle.models.archive import save_archive
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.perception.wrinkles.analysis import Analysis, analyse
 from unwrinkle.perception.wrinkles.grasp_proposal import (
@@ -36,7 +37,6 @@ LIFT = 0.10
 #: Misplacements of the tool on the table that a catch is tried with besides, m, in eight directions each.
 MISPLACED = (0.005, 0.010)
 
-Array = NDArray[np.float64]
 Place = tuple[Array, Array]  # p_WG (3,), across (2,)
 
 

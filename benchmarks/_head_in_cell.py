@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from unwrinkle.models.arrays import Image
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.transforms import inverse, transformed
 from unwrinkle.perception.camera import Camera
@@ -24,8 +25,6 @@ from unwrinkle.simulation.rendering.renderer import Renderer
 from unwrinkle.simulation.rendering.synthetic_towel import wrinkled_towel
 
 _PROBE = Camera("probe", 33, 33, 400.0, 400.0, 16.0, 16.0)
-
-Image = NDArray[np.uint8]
 
 
 @dataclass

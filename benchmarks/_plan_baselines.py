@@ -6,11 +6,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unwrinkle.benchmarks._drake_ik import DrakeInverseKinematics
 from unwrinkle.benchmarks._sectioned_ruckig import sectioned_ruckig_time
 from unwrinkle.benchmarks._toppra_bound import jerk_free_time
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.planning.robot.collision import CollisionModel
@@ -20,8 +20,6 @@ from unwrinkle.planning.search.motion_search import Motion, MotionSearch
 from unwrinkle.planning.search.planner import FlatteningPlanner
 from unwrinkle.planning.search.settings import PlannerSettings
 from unwrinkle.planning.timing.straight_lines import time_line
-
-Array = NDArray[np.float64]
 
 _DRAKE_BUDGET = 30.0  # s for one task; the own search takes hundredths
 _RRT_BUDGET = 5.0  # s for one of the eight legs

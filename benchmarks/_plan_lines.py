@@ -4,8 +4,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.search.planner import PlanResult
 from unwrinkle.planning.search.settings import PlannerSettings
@@ -13,8 +13,6 @@ from unwrinkle.planning.sent_samples import as_sent
 from unwrinkle.planning.timing.sampling import sampling_period, sent_ratios
 from unwrinkle.planning.timing.straight_lines import time_line
 from unwrinkle.planning.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 #: Fractions of the catalogue speed.
 SPEEDS = (0.1, 0.2, 0.5, 1.0)

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models.transforms import Pose, inverse, transformed, turn
+from unwrinkle.models.arrays import Pose
+from unwrinkle.models.transforms import inverse, transformed, turn
 from unwrinkle.perception.features import Template, template, view
 from unwrinkle.perception.gaze.visual_search import Instance, search
 from unwrinkle.perception.stereo.head_file import nominal_head

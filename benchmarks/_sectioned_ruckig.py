@@ -17,10 +17,9 @@ import toppra.constraint
 from numpy.typing import NDArray
 
 from unwrinkle.benchmarks._toppra_bound import SpeedCap
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.limits import Limits
 from unwrinkle.planning.timing.path_timing import JointPath
-
-Array = NDArray[np.float64]
 
 _GRID = 100
 _ACCELERATION, _JERK = 0.8, 0.4  # shares of the limits that the profile is made for

@@ -4,8 +4,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 
@@ -20,6 +18,7 @@ from unwrinkle.flattening.station_messages import (
     TrajectoryCommand,
 )
 from unwrinkle.hardware.run_log.writer import RunLog
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import UnwrinkleError
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import Scenario
@@ -33,8 +32,6 @@ from unwrinkle.systems.station.loopback import LoopbackStation, build_loopback_s
 from unwrinkle.systems.station.motion_log import Motion
 from unwrinkle.systems.station.simulated import build_sim_station
 from unwrinkle.systems.station.world import SimulatedStation, simulated_cloth
-
-Array = NDArray[np.float64]
 
 #: The station is asked with this period, s; a step that takes so long is given up, s.
 _PERIOD, _LONGEST = 0.025, 60.0

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Image
 from unwrinkle.perception.stereo.matching import Disparity, match
 
-Image = NDArray[np.uint8]
 Method = Callable[[Image, Image, int, int], Disparity]
 
 

@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Pose
 from unwrinkle.models.robot import load_cell
-from unwrinkle.models.transforms import Pose, transformed
+from unwrinkle.models.transforms import transformed
 from unwrinkle.perception.stereo.head import Gaze, StereoHead
 from unwrinkle.perception.stereo.head_file import nominal_head
 from unwrinkle.perception.stereo.pair import StereoPair

@@ -6,12 +6,10 @@ import numpy as np
 import toppra
 import toppra.algorithm
 import toppra.constraint
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.limits import Limits
 from unwrinkle.planning.timing.path_timing import JointPath
-
-Array = NDArray[np.float64]
 
 logging.getLogger("toppra").setLevel(logging.ERROR)
 

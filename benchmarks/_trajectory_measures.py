@@ -8,18 +8,16 @@ included: where acceleration jumps, as without a jerk limit, that grows without 
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial import cKDTree
 
 from unwrinkle.benchmarks._trajectory_methods import Failure, Result, Samples
 from unwrinkle.benchmarks._trajectory_paths import Piece
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.limits import Limits
 from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.verification.limits import TOLERANCE
 from unwrinkle.planning.verification.motion import Leg
-
-Array = NDArray[np.float64]
 
 QUANTITIES = ("velocity", "acceleration", "jerk", "tip_speed")
 #: A deviation below this counts as none, m: a hundredth of the least thing that the planner leaves between bodies on purpose.

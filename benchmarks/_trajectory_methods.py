@@ -17,11 +17,11 @@ from unwrinkle.benchmarks._sectioned_ruckig import sectioned_ruckig
 from unwrinkle.benchmarks._toppra_bound import jerk_free_profile
 from unwrinkle.benchmarks._trajectory_moveit import Smoothed, Waypoints, smooth
 from unwrinkle.benchmarks._trajectory_paths import LINES, Piece
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.limits import Limits
 from unwrinkle.planning.timing.path_timing import JointPath, PathLimits, time_paths
 from unwrinkle.planning.timing.straight_lines import time_line
 
-Array = NDArray[np.float64]
 Samples = tuple[Array, Array, Array]  # times (N,), positions and velocities (N, 13)
 States = tuple[Array, Array, Array]  # positions, velocities, accelerations (N, 13)
 

@@ -18,12 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import ruckig
-from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.limits import Limits
-
-Array = NDArray[np.float64]
 
 _FACTOR, _LARGEST = 1.1, 10.0
 _OVERSHOOT = 0.01  # rad

@@ -14,16 +14,13 @@ optima, slightly too small: a figure over it is on the safe side.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 from scipy.sparse import coo_array, csr_array, vstack
 
+from unwrinkle.models.arrays import Array, Indices
 from unwrinkle.models.limits import Limits
 from unwrinkle.planning.timing.path_timing import JointPath, PathLimits
 from unwrinkle.planning.timing.straight_lines import time_line
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 _INTERVALS = 120
 _STEPS = 120

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from unwrinkle.benchmarks._plan_tasks import Task, tasks
 from unwrinkle.models.archive import load_archive, save_archive
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.limits import Limits
 from unwrinkle.models.robot import Cell, load_cell
@@ -30,8 +31,6 @@ from unwrinkle.planning.search.motion_search import Motion, MotionSearch
 from unwrinkle.planning.search.settings import PlannerSettings
 from unwrinkle.planning.search.transit import TransitPlanner
 from unwrinkle.planning.timing.path_timing import JointPath
-
-Array = NDArray[np.float64]
 
 FORMAT, VERSION = "unwrinkle-seven-pose-paths", 1
 #: The five pieces of a path, in order.

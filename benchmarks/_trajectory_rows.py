@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from unwrinkle.benchmarks._toppra_bound import jerk_free_line_time, jerk_free_time
@@ -21,6 +20,7 @@ from unwrinkle.benchmarks._trajectory_paths import (
     SevenPosePath,
     load_paths,
 )
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.limits import Limits
 from unwrinkle.models.robot import load_cell
@@ -28,8 +28,6 @@ from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.search.settings import PlannerSettings
 from unwrinkle.planning.timing.path_timing import JointPath, PathLimits, time_paths
 from unwrinkle.planning.timing.straight_lines import time_line
-
-Array = NDArray[np.float64]
 
 #: Fraction of every limit that every method leaves unused.
 MARGIN = PlannerSettings().margin

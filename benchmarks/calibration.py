@@ -29,8 +29,9 @@ from unwrinkle.benchmarks._calibration_scene import (
 from unwrinkle.benchmarks._data import data_folder
 from unwrinkle.benchmarks.report import Progress
 from unwrinkle.models import InputError
+from unwrinkle.models.arrays import Pose
 from unwrinkle.models.robot import load_cell
-from unwrinkle.models.transforms import Pose, inverse, pose, transformed
+from unwrinkle.models.transforms import inverse, pose, transformed
 from unwrinkle.perception.calibration.boards import Board
 from unwrinkle.perception.calibration.files import find_pairs, view_pairs
 from unwrinkle.perception.calibration.hand_eye import angle_between

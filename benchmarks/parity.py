@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
@@ -17,6 +16,7 @@ from unwrinkle.flattening.state import SupervisorSettings
 from unwrinkle.hardware.run_log.reader import read_run_log
 from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.hardware.streaming.path_clock import PathClock, StreamLimits
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.models.scenario import load_scenario
 from unwrinkle.models.site import loopback_site
@@ -25,8 +25,6 @@ from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification.verifier import cell_model
 from unwrinkle.simulation.cloth.measures import coverage, largest_height
 from unwrinkle.simulation.controllers.controller import VirtualControllerSettings
-
-Array = NDArray[np.float64]
 
 #: Lags of one form behind another that are looked for, s, in steps of this first.
 _MOST_LAG, _STEP = 2.5, 0.02

@@ -5,9 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from unwrinkle.flattening.messages import (
     Analysed,
     Perceived,
@@ -24,10 +21,9 @@ from unwrinkle.flattening.station_messages import (
     HeadCommand,
     TrajectoryCommand,
 )
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.site import Site
 from unwrinkle.planning.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 #: The states. `retreat` is a motion too; `hold` waits for rest after an interrupt.
 LOOK, PERCEIVE, DECIDE, PLAN, CONFIRM = "look", "perceive", "decide", "plan", "confirm"

@@ -2,17 +2,13 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.planning.plan import FlatteningPlan, GarmentSurface
 from unwrinkle.planning.search.planner import FlatteningPlanner, PlanResult
 from unwrinkle.planning.verification.verdict import Verdict
 from unwrinkle.planning.verification.verifier import verify
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

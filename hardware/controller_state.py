@@ -2,10 +2,7 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from unwrinkle.models.arrays import Array
 
 #: States of the controller's driver.
 #: offline: not connected. connecting: to the state server; whole feedback, and a status without motion in the queues, are

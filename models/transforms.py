@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from unwrinkle.models import InputError
-
-Pose = NDArray[np.float64]
+from unwrinkle.models.arrays import Pose
 
 
 @dataclass(frozen=True)

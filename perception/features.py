@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
+from unwrinkle.models.arrays import Mask
 
 Points = NDArray[np.float64]
 Homography = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 LEAST_INLIERS = 8
 _WORK_WIDTH = 411  # 1/12 of the head's cameras; at 1/8 it takes twice as long for the same end

@@ -5,12 +5,10 @@ Every controller profile carries positions (rad) and velocities (rad/s) as float
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.planning.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 #: Milliseconds in a second.
 MILLISECONDS = 1000.0

@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
-
-Array = NDArray[np.float64]
 
 AXES = 13
 

@@ -10,7 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from unwrinkle.flattening.messages import Analysed, Perceived, Planned, PlanRequest, Verified
 from unwrinkle.flattening.policy import Memory
-from unwrinkle.flattening.state import Action, Array, Situation, SupervisorSettings
+from unwrinkle.flattening.state import Action, Situation, SupervisorSettings
 from unwrinkle.flattening.state_machine import GazeAt, Procedure
 from unwrinkle.flattening.station_messages import (
     ControllerStatus,
@@ -19,6 +19,7 @@ from unwrinkle.flattening.station_messages import (
     HeadCommand,
     TrajectoryCommand,
 )
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.gaze.vergence import quantised
 from unwrinkle.perception.stereo.head import Gaze, StereoHead

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unwrinkle.models.transforms import Pose
+from unwrinkle.models.arrays import Pose
 from unwrinkle.perception.calibration.boards import Board, charuco_board
 from unwrinkle.perception.camera import Camera
 

@@ -3,9 +3,6 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from unwrinkle.hardware.controller.feedback import FeedbackReader
 from unwrinkle.hardware.controller.lock import OwnerLock
 from unwrinkle.hardware.controller.monitor import Finding, Monitor
@@ -22,11 +19,10 @@ from unwrinkle.hardware.motoros.link import TcpLink
 from unwrinkle.hardware.motoros.motion_channel import MotionChannel, StopAndPart, stop_and_leave
 from unwrinkle.hardware.run_log.protocol import NoLog, RunLogger
 from unwrinkle.hardware.streaming.stream import PointStream
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.limits import Limits
 from unwrinkle.models.site import ControllerSite
-
-Array = NDArray[np.float64]
 
 #: What has to be done about a controller whose queues are not empty although nobody is connected.
 QUEUE_LEFT = (

@@ -1,7 +1,6 @@
 """What the controller's driver does in each state: how it starts, runs, holds, leaves and stops for a fault."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unwrinkle.hardware.controller._driver_core import QUEUE_KEPT, QUEUE_LEFT, DriverCore
 from unwrinkle.hardware.controller.monitor import AXIS_NAMES, Finding
@@ -22,10 +21,9 @@ from unwrinkle.hardware.motoros.wire import Command, MotionReply, Result, descri
 from unwrinkle.hardware.streaming.path_clock import PathClock
 from unwrinkle.hardware.streaming.sent_cubics import StreamLimits
 from unwrinkle.hardware.streaming.stream import PointStream
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.planning.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 #: Within these of its last point (and the start tolerance) a trajectory is completed, rad and rad/s; so long after its end
 #: that may take, s.

@@ -1,7 +1,6 @@
 """The state connection: sets of joint feedback put together from groups, and the robot's status."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unwrinkle.hardware.controller_state import JointFeedback, RobotStatus
 from unwrinkle.hardware.motoros.link import TcpLink
@@ -17,8 +16,6 @@ from unwrinkle.hardware.motoros.wire import (
 from unwrinkle.hardware.streaming.stream import GROUP_AXES
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.site import ControllerSite
-
-Array = NDArray[np.float64]
 
 _AXES = 13
 

@@ -4,15 +4,13 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unwrinkle.hardware.controller.feedback import interval
 from unwrinkle.hardware.controller_state import JointFeedback, RobotStatus
 from unwrinkle.hardware.streaming.stream import GROUP_AXES, PointStream, most_lag
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.limits import Limits
 from unwrinkle.models.site import ControllerSite
-
-Array = NDArray[np.float64]
 
 #: Names of the thirteen axes, for messages.
 AXIS_NAMES = ("ext_axis", *(f"{arm}_{axis}" for arm in ("r1", "r2") for axis in "slurbt"))

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.hardware.run_log.writer import FORMAT, VERSION
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 
-Array = NDArray[np.float64]
 _AXES = 13
 #: A line longer than this is no record.
 _LONGEST = 1 << 20

@@ -3,12 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unwrinkle.hardware.streaming.stream import GROUP_AXES
+from unwrinkle.models.arrays import Array
 from unwrinkle.planning.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 #: A group that moves by no more rests, rad.
 STILL = 1e-6

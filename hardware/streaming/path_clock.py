@@ -12,7 +12,6 @@ samples, where cubics and rounding take some percent of the limits.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unwrinkle.hardware.streaming.rate_change import RateChange, RateState, plausible
 from unwrinkle.hardware.streaming.sent_cubics import (
@@ -21,13 +20,13 @@ from unwrinkle.hardware.streaming.sent_cubics import (
     ceil_ms,
     extremes,
 )
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.planning.sent_samples import as_float32, whole_millisecond
 from unwrinkle.planning.trajectory import Trajectory
 
 __all__ = ["PathClock", "Sample", "StreamLimits", "extremes"]
 
-Array = NDArray[np.float64]
 
 _AT_REST = 1e-6  # velocity at a trajectory's ends, rad/s
 _ROUNDING = 1e-9  # s

@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unwrinkle.hardware.streaming.sent_cubics import CubicPath, StreamLimits, ceil_ms
+from unwrinkle.models.arrays import Array
 from unwrinkle.planning.sent_samples import as_float32
-
-Array = NDArray[np.float64]
 
 _POWERS = np.linspace(0.0, 1.0, 129)[:, None] ** np.arange(7)
 #: x^3 (1 - x)^3, which with its first two derivatives is 0 at both ends, and its integral from 0 to 1.

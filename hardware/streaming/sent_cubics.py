@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.limits import Limits
 from unwrinkle.planning.trajectory import AXES, Trajectory
 
-Array = NDArray[np.float64]
 #: Greatest speed, acceleration and jerk, (13,) each.
 Extremes = tuple[Array, Array, Array]
 

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unwrinkle.hardware.motoros.motion_channel import Asked, MotionChannel
 from unwrinkle.hardware.motoros.wire import (
@@ -19,9 +18,9 @@ from unwrinkle.hardware.motoros.wire import (
     describe,
 )
 from unwrinkle.hardware.streaming.path_clock import PathClock, Sample
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.site import ControllerSite
 
-Array = NDArray[np.float64]
 #: Takes down a point that is sent: now, sequence, time, positions, velocities.
 Recorder: TypeAlias = Callable[[float, int, float, Array, Array], None]
 

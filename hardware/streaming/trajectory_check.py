@@ -3,13 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unwrinkle.hardware.streaming.sent_cubics import extremes
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.limits import Limits
 from unwrinkle.planning.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 _RELATIVE = 1e-6  # of a limit: rounding, no excess
 _AT_REST = 1e-6  # velocity at a trajectory's ends, rad/s

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from unwrinkle.models import InputError
-from unwrinkle.models.transforms import Pose, pose
+from unwrinkle.models.arrays import Pose
+from unwrinkle.models.transforms import pose
 from unwrinkle.perception.camera import Camera
 
 _FEWEST_CORNERS = 3

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models.transforms import Pose
+from unwrinkle.models.arrays import Pose
 from unwrinkle.perception.calibration.boards import BoardView, board_pose
 from unwrinkle.perception.calibration.bundle_adjustment import adjust
 from unwrinkle.perception.calibration.checks import (

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from unwrinkle.models import InputError
-from unwrinkle.models.transforms import Pose, inverse, pose
+from unwrinkle.models.arrays import Pose
+from unwrinkle.models.transforms import inverse, pose
 from unwrinkle.perception.calibration.projection import crosses
 
 FEWEST_LOOKS = 8

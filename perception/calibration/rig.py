@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from unwrinkle.models.transforms import Pose, inverse, pose
+from unwrinkle.models.arrays import Pose
+from unwrinkle.models.transforms import inverse, pose
 from unwrinkle.perception.calibration.boards import BoardView
 from unwrinkle.perception.camera import Camera
 

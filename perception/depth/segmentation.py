@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from unwrinkle.models import InputError
+from unwrinkle.models.arrays import Mask
 from unwrinkle.perception.depth.color_registration import align_colour
 from unwrinkle.perception.sensor import NoiseProfile
 
-Mask = NDArray[np.bool_]
 _WORK_WIDTH = 320
 _WORKERS = 2
 _LEAST_AREA = 0.004

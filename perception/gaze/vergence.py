@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
-from unwrinkle.models.transforms import Pose, inverse, transformed
+from unwrinkle.models.arrays import Pose
+from unwrinkle.models.transforms import inverse, transformed
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.features import Points, Template, View, view
 from unwrinkle.perception.gaze.localization import NotSeen, Sighting, correspond, locate

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
-from unwrinkle.models.transforms import Pose, inverse, pose, transformed, turn
+from unwrinkle.models.arrays import Pose
+from unwrinkle.models.transforms import inverse, pose, transformed, turn
 from unwrinkle.perception.camera import Camera
 
 _AIM_STEPS = 20

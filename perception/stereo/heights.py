@@ -4,7 +4,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models.transforms import Pose
+from unwrinkle.models.arrays import Pose
 from unwrinkle.perception.height_grid import Grid, filled_averages
 from unwrinkle.perception.stereo.matching import Disparity
 from unwrinkle.perception.stereo.rectification import Rectification

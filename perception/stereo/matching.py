@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
+from unwrinkle.models.arrays import Image
 from unwrinkle.perception.stereo._kernels.confidence import believable, spread
 from unwrinkle.perception.stereo._kernels.refine import fit_surface, scale_for
 from unwrinkle.perception.stereo._kernels.upsample import spread_cells
 
-Image = NDArray[np.uint8]
 _SMALLEST = 64  # pixels along a side
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
-from unwrinkle.models.transforms import Pose, inverse, transformed
+from unwrinkle.models.arrays import Pose
+from unwrinkle.models.transforms import inverse, transformed
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.table_plane import TableFit, fit_table
 from unwrinkle.perception.height_grid import Grid

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
-from unwrinkle.models.transforms import Pose
+from unwrinkle.models.arrays import Pose
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.segmentation import segment
 from unwrinkle.perception.height_grid import Grid

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
+from unwrinkle.models.arrays import Mask
 from unwrinkle.perception.sensor import NoiseProfile
 from unwrinkle.perception.wrinkles.surface import (
     CAP,
@@ -23,7 +24,6 @@ from unwrinkle.perception.wrinkles.surface import (
     RIDGE,
     SADDLE_RIDGE,
     Floats,
-    Mask,
     Surface,
     crest_direction,
 )

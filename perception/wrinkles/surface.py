@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
+from unwrinkle.models.arrays import Mask
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import NoiseProfile
 from unwrinkle.perception.wrinkles.bspline import TensorSpline, fit_spline
 from unwrinkle.perception.wrinkles.hole_filling import bridged
 
 Floats = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 Labels = NDArray[np.uint8]
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)

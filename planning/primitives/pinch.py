@@ -10,8 +10,8 @@ from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.blades import Blades, load_blades
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
@@ -20,8 +20,6 @@ from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.search.hand_paths import follow_branches
 from unwrinkle.planning.search.key_poses import tool_poses, tool_rotation
 from unwrinkle.planning.search.transit import TransitPlanner
-
-Array = NDArray[np.float64]
 
 _ARMS = ("right", "left")
 

@@ -11,9 +11,8 @@ from pydrake.geometry import Box, Capsule, Cylinder, Role, Sphere
 from pydrake.multibody.tree import BodyIndex
 from pydrake.planning import LinearDistanceAndInterpolationProvider, SceneGraphCollisionChecker
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import ROBOT_INSTANCES, Cell, build_robot_diagram, position_indices
-
-Array = NDArray[np.float64]
 
 
 class CollisionModel:

@@ -11,12 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array, Mask
 from unwrinkle.models.robot import Cell
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # The arm faces the wrist centre, or reaches over backwards.
 _SHOULDER = np.array([1.0, 1.0, -1.0, -1.0])

@@ -3,8 +3,8 @@
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import NoSafePlanError
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import GripperEvent, PoseMark, Segment
@@ -19,7 +19,6 @@ from unwrinkle.planning.timing.sampling import Samples, sample_within, sampling_
 from unwrinkle.planning.timing.straight_lines import time_line
 from unwrinkle.planning.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 #: Wait after the grippers' stroke: their controller reports "closed" early by about this, s.
 _SETTLE = 0.25
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.perception.target import FlatteningTarget, HandTarget
-from unwrinkle.planning.robot.kinematics import Array, InverseSolution, Kinematics
+from unwrinkle.planning.robot.kinematics import InverseSolution, Kinematics
 from unwrinkle.planning.search.key_poses import (
     Freedom,
     approach_direction,

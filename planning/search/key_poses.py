@@ -8,12 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.perception.target import HandTarget
 from unwrinkle.planning.search.settings import MotionShape
-
-Array = NDArray[np.float64]
 
 POSES = ("plan", "touch-table", "grasp", "pull", "put-on-table", "free-garment", "leave-table")
 PIECES = (("approach", 0, 2), ("pull", 2, 4), ("release", 4, 6))

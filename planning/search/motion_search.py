@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import FlatteningTarget, HandTarget
 from unwrinkle.planning.robot.collision import CollisionModel
-from unwrinkle.planning.robot.kinematics import Array, Kinematics
+from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.search.hand_paths import HandCandidate, HandPaths, SearchLog
 from unwrinkle.planning.search.key_poses import PIECES, piece_counts, seven_positions
 from unwrinkle.planning.search.settings import MotionShape, PlannerSettings, Stage

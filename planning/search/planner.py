@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError, NoSafePlanError
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import FlatteningTarget
@@ -25,8 +25,6 @@ from unwrinkle.planning.search.motion_search import Motion, MotionSearch
 from unwrinkle.planning.search.settings import PlannerSettings, with_turntable_at
 from unwrinkle.planning.search.transit import Transit, TransitPlanner
 from unwrinkle.planning.timing.path_timing import TimedPath
-
-Array = NDArray[np.float64]
 
 _log = logging.getLogger(__name__)
 _ARMS = {"any": ("dual", "single"), "dual": ("dual",), "single": ("single",)}

@@ -4,12 +4,10 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.limits import Limits
 from unwrinkle.planning.robot.collision import CollisionModel
-
-Array = NDArray[np.float64]
 
 _STEP = 1.2  # reach-weighted joint distance that a tree grows by, m
 _SPREAD = np.array([0.15, *2 * [0.4, 0.4, 0.4, 0.5, 0.4, 0.4]])  # rad, about the straight line

@@ -18,12 +18,10 @@ the integral of w^(-1/2) over tau.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline, CubicHermiteSpline, CubicSpline, make_interp_spline
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
-
-Array = NDArray[np.float64]
 
 _COEFFICIENTS = 36
 _COLLOCATION = 96

@@ -3,13 +3,12 @@
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import NoSafePlanError
 from unwrinkle.models.limits import Limits
 from unwrinkle.planning.sent_samples import MILLISECONDS, as_float32
 
-Array = NDArray[np.float64]
 Samples = tuple[Array, Array, Array]  # times (N,), positions and velocities (N, n)
 
 #: Limits are kept by this share after rounding, so that no further rounding (of clocks, say) can break them.

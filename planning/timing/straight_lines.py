@@ -4,13 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import ruckig
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import NoSafePlanError
 from unwrinkle.models.limits import Limits
 from unwrinkle.planning.timing.sampling import sample_within
-
-Array = NDArray[np.float64]
 
 _SHORTEST = 1e-12  # rad; a line with less motion takes no time
 

@@ -11,17 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array, Indices, Mask
 from unwrinkle.planning.verification.model import BodyPair, CellModel
 from unwrinkle.planning.verification.motion import Leg
 from unwrinkle.planning.verification.shapes import face_gaps, measure
 from unwrinkle.planning.verification.speed_bounds import distances_to_axes, speed_bounds
 from unwrinkle.planning.verification.verdict import MEANT, Findings, PairClearance
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 #: Shapes whose bound is greater at every time looked at are not measured exactly, m.
 MEASURED = 0.150

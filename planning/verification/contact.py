@@ -3,15 +3,13 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification.model import CellModel
 from unwrinkle.planning.verification.tools import REACH, ToolLeg, away_from_place
 from unwrinkle.planning.verification.verdict import Findings
-
-Array = NDArray[np.float64]
 
 ARMS = ("right", "left")
 #: Poses at which the blades are down: a tool centre point is no higher than this above the table, m.

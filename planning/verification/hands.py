@@ -3,16 +3,14 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import STRETCH_LIMIT
 from unwrinkle.planning.plan import ArmChoice, FlatteningPlan
 from unwrinkle.planning.verification.model import CellModel
 from unwrinkle.planning.verification.tools import ToolLeg, ToolMotion
 from unwrinkle.planning.verification.verdict import Findings
-
-Array = NDArray[np.float64]
 
 ARMS = ("right", "left")
 #: From the tool centre point to the grasp or put-down point, horizontally, m.

@@ -3,14 +3,12 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.verification.motion import Leg
 from unwrinkle.planning.verification.verdict import Findings
-
-Array = NDArray[np.float64]
 
 ARMS = ("right", "left")
 #: Between a tool's poses by the numbers and by the models: of its position, m, and of its axes, rad.

@@ -3,13 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.limits import Limits
 from unwrinkle.planning.verification.motion import Leg
 from unwrinkle.planning.verification.verdict import Findings
-
-Array = NDArray[np.float64]
 
 #: Relative, for rounding.
 TOLERANCE = 1e-9

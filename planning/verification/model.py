@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import (
     CollisionFilterDeclaration,
     GeometryId,
@@ -18,12 +17,11 @@ from pydrake.geometry import (
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Frame, JointIndex, PrismaticJoint, RigidBody
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell, build_robot_diagram, position_indices, scoped
 from unwrinkle.planning.verification.motion import JOINTS
 from unwrinkle.planning.verification.shapes import box_corners, outlines
-
-Array = NDArray[np.float64]
 
 ARMS = (("r1", "r1_gripper"), ("r2", "r2_gripper"))
 FINGERS = ("lower_finger", "upper_finger")

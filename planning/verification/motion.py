@@ -8,11 +8,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.planning.plan import FlatteningPlan, Segment
-
-Array = NDArray[np.float64]
 
 #: Columns of a leg's joints: thirteen axes, then the right and the left gripper's driven blade.
 JOINTS = 15

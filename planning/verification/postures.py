@@ -5,13 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import ArmChoice, FlatteningPlan
 from unwrinkle.planning.verification.model import CellModel
 from unwrinkle.planning.verification.tools import REACH, ToolLeg, ToolMotion, away_from_place
 from unwrinkle.planning.verification.verdict import Findings
-
-Array = NDArray[np.float64]
 
 ARMS = ("right", "left")
 #: Of tilt, heading and roll against the claimed ones, rad.

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import (
     Box,
     CalcObb,
@@ -25,10 +24,8 @@ from pydrake.geometry import (
 )
 from scipy.optimize import lsq_linear
 
+from unwrinkle.models.arrays import Array, Indices
 from unwrinkle.models.errors import InputError
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 #: A measured distance is taken as confirmed if the gap is no further below it, m.
 CONFIRMED = 1e-7

@@ -17,9 +17,8 @@ A prismatic joint adds its own derivatives.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from unwrinkle.models.arrays import Array
 
 
 def distances_to_axes(points: Array, X_WJ: Array, directions: Array, chain: Sequence[int]) -> Array:

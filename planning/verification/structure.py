@@ -3,15 +3,13 @@
 import dataclasses as dc
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.sent_samples import as_sent
 from unwrinkle.planning.verification.verdict import Findings
-
-Array = NDArray[np.float64]
 
 SEGMENTS = ("approach", "pull", "release")
 #: The named poses in the segments that pass them (Sun et al. 2015, Fig. 5).

@@ -10,16 +10,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array, Mask
 from unwrinkle.perception.target import HandTarget
 from unwrinkle.planning.verification.model import ARM_AXES, CellModel
 from unwrinkle.planning.verification.motion import Leg
 from unwrinkle.planning.verification.speed_bounds import derivative_bounds, distances_to_axes
 from unwrinkle.planning.verification.verdict import Findings
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Between two times looked at, a tool centre point may leave the chord by so much, m, and a tool's axis by so much, rad.
 SAG, TURN = 0.5e-3, 1e-3

@@ -24,8 +24,9 @@ import time
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import FlatteningPlan
@@ -49,8 +50,6 @@ from unwrinkle.planning.verification.structure import (
 )
 from unwrinkle.planning.verification.tools import tool_legs
 from unwrinkle.planning.verification.verdict import Findings, Verdict
-
-Array = NDArray[np.float64]
 
 _log = logging.getLogger(__name__)
 

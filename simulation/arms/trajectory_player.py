@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.simulation.arms.track import Track
-
-Array = NDArray[np.float64]
 
 IDLE, RUNNING, HOLDING, FAULT = "idle", "running", "holding", "fault"
 

@@ -13,11 +13,10 @@ from scipy.interpolate import make_interp_spline
 from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates
 from scipy.sparse import csr_matrix
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.simulation.rendering.meshes import TexturedMesh, grid_triangles, vertex_normals
 from unwrinkle.simulation.rendering.textures import cloth as cloth_texture
-
-Array = NDArray[np.float64]
 
 #: Cells of the drawn mesh in one cell of the solver's grid, along either direction.
 FACTOR = 2

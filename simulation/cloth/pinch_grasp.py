@@ -17,13 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.blades import Blades
 from unwrinkle.models.errors import InputError
 from unwrinkle.simulation.cloth.cloth import GRAVITY, Cloth, ClothState, Grip
 from unwrinkle.simulation.cloth.fingers import carry
 from unwrinkle.simulation.cloth.state import checked_pose
-
-Array = NDArray[np.float64]
 
 LEAST_DEPTH = 0.005  # m: of fold between the blades above their tips
 _CELL = 1e-3  # m: of the rays along the blades' axis

@@ -4,11 +4,9 @@ from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unwrinkle.hardware.motoros.wire import GroupPoint
-
-Array = NDArray[np.float64]
+from unwrinkle.models.arrays import Array
 
 # Rounding, no excess: of float32 positions, rad, and of planned speeds, relative.
 _POSITION, _SPEED = 1e-5, 1e-5

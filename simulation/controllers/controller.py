@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from unwrinkle.hardware.motoros.wire import (
     Command,
@@ -34,6 +34,7 @@ from unwrinkle.hardware.motoros.wire import (
     WireError,
     ping,
 )
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.site import GROUPS
 from unwrinkle.simulation.controllers.audit import Audit, AuditLimits
@@ -53,7 +54,6 @@ __all__ = [
     "VirtualControllerSettings",
 ]
 
-Array = NDArray[np.float64]
 
 AXES = 13
 #: The axes of each control group.

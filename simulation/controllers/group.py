@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.hardware.motoros.wire import GroupPoint, Subcode
-
-Array = NDArray[np.float64]
+from unwrinkle.models.arrays import Array
 
 #: Trajectories of four hours and more are refused.
 LONGEST = 14400.0

@@ -7,7 +7,7 @@ from contextlib import suppress
 from math import floor
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from unwrinkle.hardware.motoros.link import TcpLink
 from unwrinkle.hardware.motoros.wire import (
@@ -34,7 +34,6 @@ from unwrinkle.simulation.controllers.reads import Unread, read_messages
 
 __all__ = ["KINDS", "ControllerServer", "ServerFault"]
 
-Array = NDArray[np.float64]
 
 MOTION, STATE, IO = "motion", "state", "io"
 _MOST_CONNECTIONS = {MOTION: 1, STATE: 4, IO: 1}

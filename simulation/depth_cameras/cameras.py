@@ -1,12 +1,12 @@
 """Depth cameras of the cell: what an Xtion or a time-of-flight camera gives of a rendered scene."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Pose
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.loader_yaml import load_yaml, models_dir
 from unwrinkle.perception.depth.capture import Capture
@@ -57,7 +57,7 @@ def load_depth_camera(name: str | Path) -> DepthCameraModel:
 
 
 def depth_reading(
-    renderer: Renderer, model: DepthCameraModel, X_WC: NDArray[np.floating[Any]], seed: int
+    renderer: Renderer, model: DepthCameraModel, X_WC: Pose, seed: int
 ) -> NDArray[np.float32]:
     """One look of a depth camera, whatever it shows.
 
@@ -74,9 +74,7 @@ def depth_reading(
     return model.measured(renderer.depth(model.ideal_camera, X_WC), seed)
 
 
-def depth_image(
-    renderer: Renderer, model: DepthCameraModel, X_WC: NDArray[np.floating[Any]], seed: int
-) -> Capture:
+def depth_image(renderer: Renderer, model: DepthCameraModel, X_WC: Pose, seed: int) -> Capture:
     """One look of a depth camera as a capture, its colour registered to depth.
 
     Args:

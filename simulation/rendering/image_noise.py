@@ -8,13 +8,13 @@ so nothing else blurs the picture, and places are exact (cv2.remap rounds them t
 import dataclasses as dc
 from dataclasses import dataclass
 from math import ceil
-from typing import Any
 
 import cv2
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Pose
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.camera import Camera
 from unwrinkle.simulation.rendering.renderer import Renderer
@@ -147,7 +147,7 @@ def photograph(
 
 def photograph_pair(
     renderer: Renderer,
-    eyes: tuple[Camera, NDArray[np.floating[Any]], Camera, NDArray[np.floating[Any]]],
+    eyes: tuple[Camera, Pose, Camera, Pose],
     seed: int,
     *,
     scale: float = 1.0,

@@ -41,13 +41,12 @@ from pydrake.math import RigidTransform
 from pydrake.planning import RobotDiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
+from unwrinkle.models.arrays import Pose
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell, add_cell, position_indices, scoped
 from unwrinkle.perception.camera import Camera
 from unwrinkle.simulation.rendering.meshes import TexturedMesh, rectangle_mesh
 from unwrinkle.simulation.rendering.textures import wood
-
-Pose = NDArray[np.floating[Any]]
 
 _RENDERER = "vtk"
 _NEAR = 0.40  # beyond the lens body, which stands before its own camera's optical centre

@@ -1,11 +1,11 @@
 """The arms' controller as a system: the trajectory player at the plant's period, status at its own."""
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from unwrinkle.flattening.station_messages import ControllerStatus, TrajectoryCommand
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.simulation.arms.track import Track
 from unwrinkle.simulation.arms.trajectory_player import (
@@ -15,8 +15,6 @@ from unwrinkle.simulation.arms.trajectory_player import (
     TrajectoryPlayer,
 )
 from unwrinkle.systems.held import held, hold, model
-
-Array = NDArray[np.float64]
 
 
 class ArmController(LeafSystem):

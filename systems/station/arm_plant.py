@@ -14,9 +14,8 @@ from pydrake.multibody.tree import PdControllerGains
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.primitives import Demultiplexer, MatrixGain
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell, add_cell, position_indices, scoped
-
-Array = NDArray[np.float64]
 
 #: Natural frequency of every servo, Hz: as stiff as the plant's steps allow, critically damped.
 SERVO_FREQUENCY = 60.0

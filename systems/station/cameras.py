@@ -19,8 +19,6 @@ from unwrinkle.systems.held import held, hold, model
 from unwrinkle.systems.station.head import HeadStatus, reported_gaze
 from unwrinkle.systems.station.photographer import CellPhotographer, Posture
 
-Array = NDArray[np.float64]
-
 #: The axes rest when all are slower than this, rad/s.
 AXES_STILL = 5e-3
 #: So long the cameras wait at most for the cloth to come to rest, s.

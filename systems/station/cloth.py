@@ -4,16 +4,14 @@ import dataclasses as dc
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.measures import coverage, largest_height
 from unwrinkle.systems.held import held, hold, model
 from unwrinkle.systems.station.grippers import Pinch, PinchAnswer
-
-Array = NDArray[np.float64]
 
 
 class ClothSystem(LeafSystem):

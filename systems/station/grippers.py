@@ -4,7 +4,6 @@ import dataclasses as dc
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
@@ -12,8 +11,6 @@ from unwrinkle.flattening.station_messages import GripperCommand, GripperStatus
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.limits import GripperLimits
 from unwrinkle.systems.held import held, hold, model
-
-Array = NDArray[np.float64]
 
 _THERE = 2e-4  # of an opening, m
 _NO_RIPPLE = 1e-9

@@ -6,8 +6,6 @@ trajectories are streamed whatever the rest of the diagram computes. The diagram
 
 import time
 
-import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort
 
 from unwrinkle.hardware.cameras.base import PairCamera
@@ -30,8 +28,6 @@ from unwrinkle.systems.station.drivers.device_clock import own_time
 from unwrinkle.systems.station.drivers.grippers import GripperDriverSystem
 from unwrinkle.systems.station.drivers.pair_camera import PairCameraSystem
 from unwrinkle.systems.station.drivers.pan_tilt import PanTiltDriverSystem
-
-Array = NDArray[np.float64]
 
 #: The devices are polled with this period while they get ready, s.
 _POLL = 0.01

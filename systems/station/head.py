@@ -3,18 +3,16 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from unwrinkle.flattening.station_messages import HeadCommand
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.limits import HeadLimits
 from unwrinkle.perception.stereo.head import Gaze, StereoHead
 from unwrinkle.simulation.devices.pan_tilt import REPEATABILITY
 from unwrinkle.systems.held import held, hold, model
-
-Array = NDArray[np.float64]
 
 #: ASSUMED: acceleration of an axis, rad/s^2, and the time that the mount takes to be still, s.
 ACCELERATION = 20.0

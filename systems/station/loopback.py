@@ -18,6 +18,7 @@ from unwrinkle.hardware.grippers.digital import DigitalGrippers
 from unwrinkle.hardware.pan_tilt.driver import PanTiltDriver
 from unwrinkle.hardware.pan_tilt.serial_port import open_serial
 from unwrinkle.hardware.run_log.protocol import RunLogger
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.robot import Cell
 from unwrinkle.models.site import Site, loopback_site
@@ -42,8 +43,6 @@ from unwrinkle.systems.station.world import (
     World,
     start_posture,
 )
-
-Array = NDArray[np.float64]
 
 #: So long before the run the devices get to know each other, s on the simulation's clock.
 _PROLOGUE = 3.0

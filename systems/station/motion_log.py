@@ -4,11 +4,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 from pydrake.systems.primitives import VectorLogSink
 
-Array = NDArray[np.float64]
+from unwrinkle.models.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

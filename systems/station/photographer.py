@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array, Pose
 from unwrinkle.models.robot import Cell
-from unwrinkle.models.transforms import Pose
 from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.perception.stereo.head import Eye, StereoHead
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
@@ -21,8 +21,6 @@ from unwrinkle.simulation.rendering.image_noise import (
 )
 from unwrinkle.simulation.rendering.renderer import Renderer
 from unwrinkle.simulation.rendering.synthetic_towel import overhead_pose
-
-Array = NDArray[np.float64]
 
 # Pictures of at most a quarter of the sensor's size are photographed twice as fine as they are asked
 # for, with 2 x 2 samples each: fibres that fall between samples would be another noise in each eye.

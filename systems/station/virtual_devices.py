@@ -5,19 +5,17 @@ from dataclasses import dataclass
 from math import ceil, floor
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from unwrinkle.flattening.station_messages import GripperCommand, GripperStatus, HeadCommand
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.site import GripperSite
 from unwrinkle.perception.stereo.head import Gaze, PanTiltUnit
 from unwrinkle.simulation.controllers.controller import VirtualController
 from unwrinkle.simulation.devices.serial_pan_tilt import PtyPort, UnitSettings, VirtualSerialPanTilt
 from unwrinkle.systems.held import held, hold, model
 from unwrinkle.systems.station.head import HeadStatus
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

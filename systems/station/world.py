@@ -17,6 +17,7 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import Multiplexer, VectorLogSink
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
@@ -35,8 +36,6 @@ from unwrinkle.systems.station.cloth import ClothSystem
 from unwrinkle.systems.station.grippers import GripperSystem
 from unwrinkle.systems.station.head import HeadSystem
 from unwrinkle.systems.station.motion_log import MotionLog
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

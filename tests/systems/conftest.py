@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
@@ -22,6 +21,7 @@ from unwrinkle.flattening.station_messages import (
     HeadImage,
     TrajectoryCommand,
 )
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import load_scenario
@@ -35,8 +35,6 @@ from unwrinkle.site.virtual_equipment import VirtualEquipment
 from unwrinkle.systems.station.hardware import build_hardware_station
 from unwrinkle.systems.station.loopback import build_loopback_station
 from unwrinkle.systems.station.simulated import build_sim_station
-
-Array = NDArray[np.float64]
 
 
 class Bench:

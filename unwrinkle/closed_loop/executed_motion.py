@@ -5,10 +5,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import FlatteningPlan, Segment
@@ -18,8 +18,6 @@ from unwrinkle.planning.verification.model import CellModel
 from unwrinkle.planning.verification.motion import Leg
 from unwrinkle.planning.verification.verdict import MEANT, Findings
 from unwrinkle.planning.verification.verifier import cell_model
-
-Array = NDArray[np.float64]
 
 #: Lags up to this are told from errors, s, sought in steps of this first.
 LONGEST_LAG, LAG_STEP = 0.100, 0.004

@@ -1,15 +1,13 @@
 """How well a recorded motion kept to its plan."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unwrinkle.closed_loop.executed_motion import ExecutionCheck, MeasuredSegment, check_execution
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.runs.records import MotionRecord, SegmentMark
-
-Array = NDArray[np.float64]
 
 #: A robot that is this far from where it was has moved, rad.
 _MOVED = 2e-4

@@ -12,10 +12,9 @@ from unwrinkle.closed_loop.run import Seconds
 from unwrinkle.closed_loop.station_view import StationView
 from unwrinkle.flattening import state as states
 from unwrinkle.flattening.state import Action, Situation
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.runs.folder import ActionRecord, MotionRecord, RunFolder, SegmentMark
-
-Array = NDArray[np.float64]
 
 #: The cloth is recorded every so many feedback periods while the arms are at work.
 FRAME_PERIODS = 4

@@ -3,15 +3,13 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import Context, Diagram
 
 from unwrinkle.flattening.station_messages import DepthImage, GripperStatus, HeadImage
+from unwrinkle.models.arrays import Array
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.measures import coverage, largest_height, overstretch
 from unwrinkle.systems.station.motion_log import Motion, MotionLog
-
-Array = NDArray[np.float64]
 
 #: The cloth as it truly is; a station that is not simulated has no such port.
 TRUTH = "truth.cloth"

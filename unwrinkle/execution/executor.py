@@ -7,7 +7,6 @@ hold, and nothing moves by itself after it: a gripper that missed or does not an
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unwrinkle.execution._steps import Ending, Grip, Move
 from unwrinkle.execution.ports import Driver, Grippers
@@ -22,10 +21,9 @@ from unwrinkle.hardware.controller_state import (
     DriverStatus,
 )
 from unwrinkle.hardware.run_log.protocol import NoLog, RunLogger
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.planning.plan import FlatteningPlan, GripperEvent, Segment
-
-Array = NDArray[np.float64]
 
 DONE, STOPPED, FAILED = "done", "stopped", "failed"
 ARMS = ("right", "left")

@@ -4,17 +4,15 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unwrinkle.execution.controls import HOLD, RESUME, STOP, Instruction
 from unwrinkle.hardware.controller_state import JointFeedback
 from unwrinkle.logs.replay import draw_plan
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.viewer.scene import CellScene, in_first_view
 from unwrinkle.viewer.text_panel import board
-
-Array = NDArray[np.float64]
 
 #: s between two pictures; each takes some milliseconds, of which the driver has none to spare.
 PERIOD = 0.1

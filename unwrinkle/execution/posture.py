@@ -4,15 +4,13 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.verification.clearance import check_clearances
 from unwrinkle.planning.verification.motion import Leg
 from unwrinkle.planning.verification.verdict import Findings
 from unwrinkle.planning.verification.verifier import cell_model
-
-Array = NDArray[np.float64]
 
 #: Beyond a limit by no more than this counts as on it: the resolution of an encoder, rad.
 _ON_LIMIT = 1e-3

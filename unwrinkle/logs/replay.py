@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unwrinkle.hardware.run_log.reader import LogEvent, RunLogRecords
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import load_scenario
@@ -16,8 +16,6 @@ from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.viewer.overlay import closed_page
 from unwrinkle.viewer.plan_shapes import target_shapes, wrinkle_shapes
 from unwrinkle.viewer.scene import CellScene, rgba, start_meshcat
-
-Array = NDArray[np.float64]
 
 FRAME_RATE = 30.0
 MOST_FRAMES = 900

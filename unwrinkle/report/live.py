@@ -17,8 +17,6 @@ from unwrinkle.runs.look_folder import readable
 from unwrinkle.viewer.live_view import LiveView
 from unwrinkle.viewer.scene import follow
 
-Array = NDArray[np.float64]
-
 _TIME, _SPEED, _PLAY = "time (s)", "speed", "play / pause"
 
 _log = logging.getLogger(__name__)

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.transforms import inverse, transformed
 from unwrinkle.perception.range_map import RangeMap
@@ -21,7 +22,6 @@ from unwrinkle.perception.stereo.head_file import load_look
 from unwrinkle.runs.look_folder import LookFolder
 from unwrinkle.viewer.plan_shapes import COLOURS, OTHER_RIDGE
 
-Array = NDArray[np.float64]
 #: World x, y to the picture's pixels: points (n, 3) to (n, 2).
 Projection = Callable[[Array], Array]
 

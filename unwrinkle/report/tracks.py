@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.runs.records import MotionRecord, SegmentMark
 from unwrinkle.viewer.scene import CellScene
-
-Array = NDArray[np.float64]
 
 #: Samples of the robot per second; the page interpolates.
 ROBOT_RATE = 20.0

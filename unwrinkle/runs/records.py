@@ -12,10 +12,9 @@ import yaml
 from numpy.typing import NDArray
 
 from unwrinkle.models.archive import load_archive, save_archive
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.planning.trajectory import AXES
-
-Array = NDArray[np.float64]
 
 #: Stages of an action whose wall-clock seconds are kept, in the order in which they happen.
 STAGES = ("render", "stereo", "analysis", "planning", "verification", "motion")

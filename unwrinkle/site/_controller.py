@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unwrinkle.hardware.controller.lock import OwnerLock
 from unwrinkle.hardware.controller_state import RobotStatus
@@ -22,10 +21,9 @@ from unwrinkle.hardware.motoros.wire import (
     ReadIoReply,
     RobotStatusBody,
 )
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.site import ControllerSite
-
-Array = NDArray[np.float64]
 
 #: s that the state server is listened to.
 LISTEN = 1.0

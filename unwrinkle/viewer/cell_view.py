@@ -6,15 +6,13 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.meshcat import JointSliders
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.viewer.overlay import closed_page
 from unwrinkle.viewer.scene import ILLUSTRATION, PROXIMITY, WHOLE_CELL, CellScene, look
-
-Array = NDArray[np.float64]
 
 _POLL = 1.0 / 30.0
 _TOGGLES = {"show / hide bodies": ILLUSTRATION, "show / hide collision shapes": PROXIMITY}

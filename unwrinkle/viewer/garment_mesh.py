@@ -7,13 +7,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Mask
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.wrinkles.analysis import Analysis
 from unwrinkle.perception.wrinkles.targeting import garment_contour
 from unwrinkle.planning.plan import GarmentSurface
-
-Mask = NDArray[np.bool_]
 
 #: Most vertices along either axis of the mesh.
 MOST_VERTICES = 100

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.wrinkles.analysis import Analysis
@@ -17,8 +18,6 @@ from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.viewer.plan_shapes import ridge_shapes, target_shapes
 from unwrinkle.viewer.scene import CellScene, in_first_view, rgba
 from unwrinkle.viewer.text_panel import board, picture_board
-
-Array = NDArray[np.float64]
 
 #: Most updates per second of wall clock; what comes sooner is left out.
 RATE = 25.0

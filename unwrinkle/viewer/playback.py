@@ -4,12 +4,10 @@ from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import FlatteningPlan
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

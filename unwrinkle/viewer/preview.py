@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import MeshcatAnimation
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.viewer.overlay import PreviewSummary, page_with_overlay
@@ -19,8 +20,6 @@ from unwrinkle.viewer.playback import Playback, Step
 from unwrinkle.viewer.scene import CellScene, follow, in_first_view, rgba, start_meshcat
 from unwrinkle.viewer.shapes import triad, tube
 from unwrinkle.viewer.text_panel import board
-
-Array = NDArray[np.float64]
 
 FRAME_RATE = 30.0
 #: A page stays under 10 MB with this many frames.

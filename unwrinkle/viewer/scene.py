@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import (
     Meshcat,
     MeshcatParams,
@@ -19,10 +18,9 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.tree import BodyIndex
 from pydrake.planning import RobotDiagramBuilder
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell, add_cell, position_indices
-
-Array = NDArray[np.float64]
 
 #: Of the camera from top to bottom, degrees.
 FIELD_OF_VIEW = 42.0

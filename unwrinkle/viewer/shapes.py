@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from unwrinkle.models.arrays import Array
+
 Faces = NDArray[np.int32]
 Mesh = tuple[Array, Faces]
 

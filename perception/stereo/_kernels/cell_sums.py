@@ -5,10 +5,9 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Grid
 from unwrinkle.perception._parallel import in_strips, together
 from unwrinkle.perception.stereo._kernels.normal_equations import CellSums
-
-Grid = NDArray[np.float32]
 
 # Shares of a grey level's variance that are left after rectification and the spline: of a
 # difference of both images, and of the gradient. Measured on matched renders.

@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Grid
 from unwrinkle.perception._parallel import together
 from unwrinkle.perception.stereo._kernels.cell_sums import DIFFERENCE_NOISE, box, gauss
-from unwrinkle.perception.stereo._kernels.refine import STIFFNESS, Grid, Surface
+from unwrinkle.perception.stereo._kernels.refine import STIFFNESS, Surface
 
 _SEEN = 0.5  # of a cell's pixels
 _WINDOWS = {1: 25, 2: 17, 4: 13}  # cells of so many pixels -> side of the square, cells

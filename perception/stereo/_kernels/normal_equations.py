@@ -13,10 +13,8 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Grid, Image
 from unwrinkle.perception._parallel import in_strips
-
-Image = NDArray[np.uint8]
-Grid = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,9 +11,9 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Grid
 from unwrinkle.perception._parallel import in_strips
 
-Grid = NDArray[np.float32]
 _LEAST = 1e-6
 
 

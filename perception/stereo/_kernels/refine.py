@@ -10,15 +10,12 @@ from math import ceil, floor
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Grid, Image
 from unwrinkle.perception.stereo._kernels.cell_sums import weigh, window_step
 from unwrinkle.perception.stereo._kernels.normal_equations import CellSums, cell_sums
 from unwrinkle.perception.stereo._kernels.plate_fit import Plate
 from unwrinkle.perception.stereo._kernels.sgm_init import coarse_disparity
-
-Image = NDArray[np.uint8]
-Grid = NDArray[np.float32]
 
 # Images of at least so many pixels start at this scale, on cells of half as many pixels a side.
 _SCALES = ((1.4e6, 8), (0.6e6, 4), (0.42e6, 2))

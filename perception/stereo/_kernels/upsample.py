@@ -4,10 +4,9 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Grid
 from unwrinkle.perception._parallel import in_strips
 from unwrinkle.perception.stereo._kernels.normal_equations import spread_row
-
-Grid = NDArray[np.float32]
 
 
 def spread_cells(

@@ -5,12 +5,10 @@ from collections import deque
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unwrinkle.hardware.motoros.wire import FeedbackBody, Message, MessageType, MultiFeedback
+from unwrinkle.models.arrays import Array
 from unwrinkle.simulation.controllers.faults.kinds import Faults, ServerFault
-
-Array = NDArray[np.float64]
 
 
 class FeedbackFaults:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
@@ -14,10 +13,9 @@ from unwrinkle.flattening import station_messages
 from unwrinkle.flattening.station_messages import ControllerStatus, TrajectoryCommand
 from unwrinkle.hardware import controller_state
 from unwrinkle.hardware.controller_state import DriverStatus, JointFeedback
+from unwrinkle.models.arrays import Array
 from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.systems.held import held, hold, model
-
-Array = NDArray[np.float64]
 
 #: The driver's states in the words of the station's port.
 STATES = {

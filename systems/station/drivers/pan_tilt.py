@@ -3,17 +3,15 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from unwrinkle.flattening.station_messages import HeadCommand
 from unwrinkle.hardware.pan_tilt.driver import PanTiltDriver
+from unwrinkle.models.arrays import Array
 from unwrinkle.systems.held import held, hold, model
 from unwrinkle.systems.station.drivers.device_clock import Clock, diagram_time
 from unwrinkle.systems.station.head import HeadStatus
-
-Array = NDArray[np.float64]
 
 
 class PanTiltDriverSystem(LeafSystem):

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from unwrinkle.models import InputError
-from unwrinkle.models.transforms import Pose, pose, transformed
+from unwrinkle.models.arrays import Pose
+from unwrinkle.models.transforms import pose, transformed
 from unwrinkle.perception.calibration.boards import (
     Board,
     BoardView,

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from unwrinkle.models import InputError
-from unwrinkle.models.transforms import Pose, inverse, pose, transformed
+from unwrinkle.models.arrays import Pose
+from unwrinkle.models.transforms import inverse, pose, transformed
 from unwrinkle.perception.calibration._bundle_problem import Problem
 from unwrinkle.perception.calibration.boards import Board, BoardView
 from unwrinkle.perception.calibration.bundle_adjustment import Adjustment, adjust

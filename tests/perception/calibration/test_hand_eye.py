@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from unwrinkle.models import InputError
-from unwrinkle.models.transforms import Pose, inverse, pose
+from unwrinkle.models.arrays import Pose
+from unwrinkle.models.transforms import inverse, pose
 from unwrinkle.perception.calibration.hand_eye import (
     angle_between,
     mean_pose,

@@ -10,7 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from unwrinkle.models import InputError
-from unwrinkle.models.transforms import Pose, inverse, pose, transformed
+from unwrinkle.models.arrays import Pose
+from unwrinkle.models.transforms import inverse, pose, transformed
 from unwrinkle.perception.calibration.boards import Board, BoardView
 from unwrinkle.perception.calibration.files import find_pairs, view_pairs
 from unwrinkle.perception.calibration.hand_eye import angle_between

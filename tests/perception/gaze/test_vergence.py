@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
+from unwrinkle.models.arrays import Image
 from unwrinkle.models.transforms import inverse, transformed, turn
 from unwrinkle.perception.features import Template, template, view
 from unwrinkle.perception.gaze.localization import NotSeen, Sighting
@@ -33,7 +34,6 @@ from unwrinkle.simulation.devices.pan_tilt import VirtualPanTilt
 NOMINAL = nominal_head()
 TABLE = 0.70
 AIM = np.array([0.02, -1.10, TABLE])
-Image = NDArray[np.uint8]
 
 
 def small(head: StereoHead) -> StereoHead:

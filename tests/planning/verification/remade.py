@@ -4,14 +4,13 @@ import dataclasses as dc
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.planning.plan import FlatteningPlan, Segment
 from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 #: Takes an arm, its tool's poses (n, 4, 4) and the share of the segment's time (n,); gives the poses that it is to have.
 Change = Callable[[int, Array, Array], Array]
 

@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.perception.target import FlatteningTarget, HandTarget
 from unwrinkle.planning.plan import ArmChoice, FlatteningPlan
@@ -25,7 +25,6 @@ from unwrinkle.planning.verification.verifier import verify
 
 from .remade import Change, bump, remade, shifted, turned
 
-Array = NDArray[np.float64]
 Maker = Callable[..., FlatteningTarget]
 
 UP = np.array([0.0, 0.0, 1.0])

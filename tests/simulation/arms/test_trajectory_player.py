@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.simulation.arms.track import Track
 from unwrinkle.simulation.arms.trajectory_player import (
@@ -19,8 +19,6 @@ from unwrinkle.simulation.arms.trajectory_player import (
     PlayerState,
     TrajectoryPlayer,
 )
-
-Array = NDArray[np.float64]
 
 AXES = ("s", "l", "t")
 STEP = 0.004

@@ -8,7 +8,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from unwrinkle.flattening.station_messages import HOLDING, IDLE, RUNNING
 from unwrinkle.models.robot import Cell
@@ -17,7 +16,6 @@ from unwrinkle.planning.trajectory import Trajectory
 
 pytestmark = pytest.mark.alone
 
-Array = NDArray[np.float64]
 Swing = Callable[..., Trajectory]
 
 FORMS = ("sim", "loopback", "hardware")

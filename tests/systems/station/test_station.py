@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from unwrinkle.flattening.station_messages import (
     FAULT,
@@ -23,7 +22,6 @@ from unwrinkle.planning.search.planner import FlatteningPlanner
 from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.systems.station.world import StationFaults
 
-Array = NDArray[np.float64]
 Swing = Callable[..., Trajectory]
 
 INPUTS = ("trajectory", "gripper.command", "head.command", "speed_override")

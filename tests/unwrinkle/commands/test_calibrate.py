@@ -21,7 +21,8 @@ from unwrinkle.benchmarks._calibration_scene import (
     true_head,
 )
 from unwrinkle.models import load_yaml
-from unwrinkle.models.transforms import Pose, PoseRecord, inverse, pose, transformed
+from unwrinkle.models.arrays import Pose
+from unwrinkle.models.transforms import PoseRecord, inverse, pose, transformed
 from unwrinkle.perception.calibration.boards import Board
 from unwrinkle.perception.calibration.files import MountedCamera, load_stereo
 from unwrinkle.perception.calibration.hand_eye import angle_between

@@ -1,0 +1,17 @@
+"""Array types: the element type that a signature states; shape, unit and frame stand in its docstring."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: Double precision: positions, angles, heights, times.
+Array = NDArray[np.float64]
+#: Single precision, of many elements: height maps, disparities.
+Grid = NDArray[np.float32]
+#: True where something holds.
+Mask = NDArray[np.bool_]
+#: Indices into another array.
+Indices = NDArray[np.intp]
+#: Pixels, (h, w) grey or (h, w, 3) RGB.
+Image = NDArray[np.uint8]
+#: A rigid pose X_AB, (4, 4): B in A (Drake's monogram notation).
+Pose = NDArray[np.float64]
