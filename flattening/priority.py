@@ -28,7 +28,7 @@ def in_order(wrinkles: Iterable[_Seen], order: str) -> list[_Seen]:
     """Wrinkles as they come, first the one with the most of what `order` names; alike ones stay as they were.
 
     Args:
-        wrinkles: each with an attribute for every one of ORDERS, see `judgement.SeenWrinkle`.
+        wrinkles: each with an attribute for every one of ORDERS, see `judgement.WrinkleFeatures`.
         order: one of ORDERS.
 
     Raises:

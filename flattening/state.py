@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Protocol
 
-from unwrinkle.flattening.messages import (
-    Analysed,
-    Perceived,
-    Planned,
-    PlanRequest,
-    Shared,
-    Verified,
-)
-from unwrinkle.flattening.policy import Memory, Pull, Sight, Stop
+from unwrinkle.flattening.flattener import Refusal
+from unwrinkle.flattening.messages import Analysed, Perceived, Planned, PlanRequest, Verified
+from unwrinkle.flattening.observation import Observation
+from unwrinkle.flattening.policy import PolicyState, PullDecision, Stop
 from unwrinkle.flattening.station_messages import (
     ControllerStatus,
     GripperCommand,
@@ -22,16 +18,36 @@ from unwrinkle.flattening.station_messages import (
     TrajectoryCommand,
 )
 from unwrinkle.models.arrays import Array
+from unwrinkle.models.shared import Shared
 from unwrinkle.models.site import Site
 from unwrinkle.planning.trajectory import Trajectory
 
-#: The states. `retreat` is a motion too; `hold` waits for rest after an interrupt.
-LOOK, PERCEIVE, DECIDE, PLAN, CONFIRM = "look", "perceive", "decide", "plan", "confirm"
-MOVE, GRIP, RETREAT, HOLD, DONE, FAULT = "move", "grip", "retreat", "hold", "done", "fault"
-TERMINAL = (DONE, FAULT)
 
-#: How a run stands, or ended.
-RUNNING, FLAT, STOPPED, FAULTED, INTERRUPTED = "running", "flat", "stopped", "fault", "interrupted"
+class Mode(StrEnum):
+    """States of the state machine."""
+
+    LOOK = "look"
+    PERCEIVE = "perceive"
+    DECIDE = "decide"
+    PLAN = "plan"
+    CONFIRM = "confirm"  # the verdict
+    APPROVE = "approve"  # the operator's answer
+    MOVE = "move"
+    GRIP = "grip"
+    RETREAT = "retreat"
+    HOLD = "hold"  # waits for rest after an interrupt
+    DONE = "done"
+    FAULT = "fault"
+
+
+class RunStatus(StrEnum):
+    """How a run stands, or how it ended."""
+
+    RUNNING = "running"
+    FLAT = "flat"
+    STOPPED = "stopped"
+    FAULTED = "fault"
+    INTERRUPTED = "interrupted"
 
 
 @dataclass(frozen=True)
@@ -81,32 +97,17 @@ class Step(Shared):
 
     Attributes:
         name: approach, close, pull, open, release or retreat.
-        mode: move, grip or retreat.
+        mode: `MOVE`, `GRIP` or `RETREAT`.
         trajectory: of a motion.
         closed: of the grippers, at the end of a stroke.
         dwell: least time for a stroke, s.
     """
 
     name: str
-    mode: str
+    mode: Mode
     trajectory: Trajectory | None = None
     closed: tuple[bool, bool] = (False, False)
     dwell: float = 0.0
-
-
-@dataclass(frozen=True)
-class Refusal(Shared):
-    """A wrinkle for which there was no safe motion.
-
-    Attributes:
-        wrinkle: index in the analysis.
-        arms: dual or single.
-        reason: in words.
-    """
-
-    wrinkle: int
-    arms: str
-    reason: str
 
 
 @dataclass(frozen=True)
@@ -135,16 +136,16 @@ class Action(Shared):
         began: when, on the station's clock, s.
         perceived: what the look gave.
         analysed: what was found.
-        sight: what counts of it.
-        pull: what was decided to pull; None where nothing.
-        stop: why nothing was pulled; None where something was.
-        refusals: wrinkles before it for which there was no safe motion.
+        observation: that the policy decided on; None where there is none.
+        pull: decision to pull; None where nothing is pulled.
+        stop: decision to stop; None where something is pulled.
+        refusals: wrinkles before it that could not be pulled.
         planned: the plan.
         verified: its verdict.
         steps: what was carried out.
         outcome: done, missed, blind, flat, stopped, fault or interrupted; empty while it goes on.
         reason: for an outcome that is not `done`.
-        memory: the judgement's, after it.
+        policy_state: after it.
         ended: when, on the station's clock, s.
     """
 
@@ -152,8 +153,8 @@ class Action(Shared):
     began: float = 0.0
     perceived: Perceived | None = None
     analysed: Analysed | None = None
-    sight: Sight | None = None
-    pull: Pull | None = None
+    observation: Observation | None = None
+    pull: PullDecision | None = None
     stop: Stop | None = None
     refusals: tuple[Refusal, ...] = ()
     planned: Planned | None = None
@@ -161,19 +162,19 @@ class Action(Shared):
     steps: tuple[StepRecord, ...] = ()
     outcome: str = ""
     reason: str = ""
-    memory: Memory = field(default_factory=Memory)
+    policy_state: PolicyState = field(default_factory=PolicyState)
     ended: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
-class Situation(Shared):
+class SupervisorState(Shared):
     """The supervisor's whole state.
 
     Attributes:
-        mode: one of the states.
+        mode: state of the state machine.
         since: when the state, or its command, began on the station's clock, s.
         sent: the state's command has been given.
-        memory: the judgement's.
+        policy_state: of the policy.
         head, trajectory, gripper, request: last commands.
         centre: (3,) world, what to look at next, m.
         steps: what is left of the action, the current step first.
@@ -185,10 +186,10 @@ class Situation(Shared):
         reason: why it ended.
     """
 
-    mode: str = LOOK
+    mode: Mode = Mode.LOOK
     since: float = 0.0
     sent: bool = False
-    memory: Memory = field(default_factory=Memory)
+    policy_state: PolicyState = field(default_factory=PolicyState)
     head: HeadCommand = field(default_factory=HeadCommand)
     trajectory: TrajectoryCommand = field(default_factory=TrajectoryCommand)
     gripper: GripperCommand = field(default_factory=GripperCommand)
@@ -198,18 +199,18 @@ class Situation(Shared):
     replans: int = 0
     action: Action = field(default_factory=Action)
     finished: Action | None = None
-    status: str = RUNNING
+    status: RunStatus = RunStatus.RUNNING
     reason: str = ""
 
     @property
     def over(self) -> bool:
         """Whether nothing will follow."""
-        return self.mode in TERMINAL
+        return self.mode in (Mode.DONE, Mode.FAULT)
 
     @property
     def moving(self) -> bool:
         """Whether a motion was sent and is not known to have ended."""
-        return self.mode in (MOVE, RETREAT) and self.sent
+        return self.mode in (Mode.MOVE, Mode.RETREAT) and self.sent
 
 
 class Feedback(Protocol):

@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.shared import Shared
 from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.perception.stereo.head import Gaze
 from unwrinkle.planning.trajectory import Trajectory
@@ -44,7 +45,7 @@ IDLE, RUNNING, HOLDING, FAULT = "idle", "running", "holding", "fault"
 
 
 @dataclass(frozen=True, eq=False)
-class TrajectoryCommand:
+class TrajectoryCommand(Shared):
     """Run a trajectory from where the robot rests, or hold.
 
     Attributes:
@@ -59,7 +60,7 @@ class TrajectoryCommand:
 
 
 @dataclass(frozen=True)
-class ControllerStatus:
+class ControllerStatus(Shared):
     """What the controller says, at its feedback rate.
 
     Attributes:
@@ -83,7 +84,7 @@ class ControllerStatus:
 
 
 @dataclass(frozen=True)
-class GripperCommand:
+class GripperCommand(Shared):
     """Close or open the right and the left gripper.
 
     Attributes:
@@ -96,7 +97,7 @@ class GripperCommand:
 
 
 @dataclass(frozen=True)
-class GripperStatus:
+class GripperStatus(Shared):
     """What the grippers say.
 
     Attributes:
@@ -115,7 +116,7 @@ class GripperStatus:
 
 
 @dataclass(frozen=True)
-class HeadCommand:
+class HeadCommand(Shared):
     """Turn both eyes to a gaze and, at rest there, expose every camera once.
 
     Attributes:
@@ -128,7 +129,7 @@ class HeadCommand:
 
 
 @dataclass(frozen=True, eq=False)
-class HeadImage:
+class HeadImage(Shared):
     """One eye's picture.
 
     Attributes:
@@ -147,7 +148,7 @@ class HeadImage:
 
 
 @dataclass(frozen=True, eq=False)
-class DepthImage:
+class DepthImage(Shared):
     """The depth camera's picture.
 
     Attributes:
