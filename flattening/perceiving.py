@@ -1,6 +1,7 @@
 """From a capture to an observation: one way for the command line, the library and the closed loop."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -13,7 +14,8 @@ from unwrinkle.perception.depth.table_crop import over_table
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import NoiseProfile
 from unwrinkle.perception.stereo.head import Gaze, StereoHead
-from unwrinkle.perception.stereo.pair import StereoPair
+from unwrinkle.perception.stereo.head_file import load_look
+from unwrinkle.perception.stereo.pair import StereoPair, load_pair
 from unwrinkle.perception.stereo.range_mapping import KnownTable, range_map_from_pair
 from unwrinkle.perception.wrinkles.analysis import analyse
 from unwrinkle.perception.wrinkles.targeting import TableTop
@@ -32,6 +34,25 @@ class StereoCapture:
     pair: StereoPair
     head: StereoHead
     gaze: Gaze
+
+
+def load_stereo_capture(
+    left: str | Path, right: str | Path, head: str | Path, cell: Cell
+) -> StereoCapture:
+    """Read a pair of images of the stereo head.
+
+    Args:
+        left, right: image files.
+        head: YAML file of the angles that the pair was taken at, which names the head's calibration.
+        cell: with the limits of the head's axes.
+
+    Raises:
+        InputError: a file is missing or wrong.
+    """
+    look, calibration = load_look(head)
+    return StereoCapture(
+        load_pair(left, right), calibration.stereo_head(cell.limits.head), look.gaze
+    )
 
 
 def map_of(

@@ -140,16 +140,13 @@ def observed(options: CaptureOptions, flattener: "Flattener") -> "Observation":
     """
     from math import radians
 
-    from unwrinkle.flattening.perceiving import StereoCapture
+    from unwrinkle.flattening.perceiving import StereoCapture, load_stereo_capture
     from unwrinkle.perception.depth.capture import Capture, load_capture
-    from unwrinkle.perception.stereo.head_file import load_look
-    from unwrinkle.perception.stereo.pair import load_pair
 
     capture: Capture | StereoCapture
     if options.head is not None:
-        look, calibration = load_look(options.head)
-        head = calibration.stereo_head(flattener.cell.limits.head)
-        capture = StereoCapture(load_pair(*options.files), head, look.gaze)
+        left, right = options.files
+        capture = load_stereo_capture(left, right, options.head, flattener.cell)
     else:
         capture = load_capture(
             options.files[0],
