@@ -1,4 +1,4 @@
-"""Carrying out a confirmed plan: its segments and gripper strokes one after the other, and the retreat."""
+"""Execution of a confirmed plan: its segments and gripper strokes in order, and the retreat from a missed grasp."""
 
 import logging
 from dataclasses import replace
@@ -26,7 +26,7 @@ _log = logging.getLogger(__name__)
 
 
 def steps_of(plan: FlatteningPlan) -> tuple[Step, ...]:
-    """Segments and strokes in order: approach, close, pull, open, release."""
+    """Return the segments and strokes of a plan in order: approach, close, pull, open, release."""
     steps: list[Step] = []
     for index, segment in enumerate(plan.segments):
         steps.append(Step(segment.name, Mode.MOVE, segment.trajectory))
@@ -37,16 +37,16 @@ def steps_of(plan: FlatteningPlan) -> tuple[Step, ...]:
 
 
 class Execution:
-    """The part of the state machine that moves."""
+    """The part of the state machine that moves arms and grippers."""
 
     def __init__(self, settings: SupervisorSettings) -> None:
-        """Take deadlines and tolerances."""
+        """Keep deadlines and tolerances."""
         self._settings = settings
 
     def begin(
         self, now: SupervisorState, feedback: Feedback, plan: FlatteningPlan
     ) -> SupervisorState:
-        """Enter the first step of a plan that was confirmed."""
+        """Enter the first step of a confirmed plan."""
         now = replace(now, steps=steps_of(plan))
         return entered(now, now.steps[0].mode, feedback)
 
@@ -57,7 +57,7 @@ class Execution:
         return self._move(now, feedback) if now.sent else self._start(now, feedback)
 
     def _start(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
-        """Send a segment once the arms rest where it begins."""
+        """Send a segment as soon as the arms rest at its start."""
         step = now.steps[0]
         assert step.trajectory is not None
         apart = np.abs(feedback.positions() - step.trajectory.positions[0])
@@ -140,7 +140,7 @@ class Execution:
     def _missed(
         self, now: SupervisorState, empty: list[str], feedback: Feedback
     ) -> SupervisorState:
-        """Open, and go back by the way the arms came."""
+        """Open the grippers and retreat along the approach."""
         planned = now.action.planned
         assert planned is not None and planned.result is not None
         plan = planned.result.plan
@@ -158,7 +158,7 @@ class Execution:
         return self._done(now, now.gripper.number, feedback)
 
     def _done(self, now: SupervisorState, number: int, feedback: Feedback) -> SupervisorState:
-        """Note the step, and begin the next one."""
+        """Record the step and enter the next one."""
         step, *rest = now.steps
         record = StepRecord(step.name, number, now.since, feedback.time)
         action = replace(now.action, steps=(*now.action.steps, record))
@@ -167,7 +167,7 @@ class Execution:
 
 
 def _held_on(now: SupervisorState, feedback: Feedback) -> SupervisorState:
-    """Mark the action as missed where a closed gripper has lost its cloth on the way."""
+    """Mark the action as missed if a closed gripper has lost its cloth during the segment."""
     status = feedback.grippers()
     lost = [
         name

@@ -1,4 +1,4 @@
-"""What the supervisor knows, commands and remembers, as one immutable value."""
+"""The supervisor's state as one immutable value, and the feedback that it reads."""
 
 from __future__ import annotations
 
@@ -52,17 +52,17 @@ class RunStatus(StrEnum):
 
 @dataclass(frozen=True)
 class SupervisorSettings:
-    """Deadlines on the station's clock, in s, and tolerances.
+    """Deadlines on the station's clock, s, and tolerances.
 
     Attributes:
-        look: from a head command to the exposure: the units' way, the cloth's rest.
+        look: from a head command to the exposure, which waits for the units and the cloth to rest.
         rest: for the arms to come to rest at the start of a segment.
         answer: for perception, planning, verification and the controller to answer by number.
         gripper: for both grippers to have finished a stroke.
         motion: a segment may take this many times its duration, and `answer` more.
         start: largest distance of an axis from a segment's first sample, rad; the controller has its own.
         rest_speed: an axis slower than this is at rest, rad/s.
-        replans: plans anew for one wrinkle because the robot had moved.
+        replans: greatest number of new plans for one wrinkle because the robot had moved.
         speed: share of the planned speed, 0 to 1.
     """
 
@@ -78,7 +78,7 @@ class SupervisorSettings:
 
     @classmethod
     def of_site(cls, site: Site) -> SupervisorSettings:
-        """Deadlines that leave a site's devices the time that they may take."""
+        """Return deadlines that allow for the timeouts of a site's devices."""
         c, cameras = site.controller, site.cameras
         look = cameras.attempts * cameras.timeout + site.pan_tilt.motion_timeout
         return cls(
@@ -93,7 +93,7 @@ class SupervisorSettings:
 
 @dataclass(frozen=True, eq=False)
 class Step(Shared):
-    """A piece of an action.
+    """A step of an action.
 
     Attributes:
         name: approach, close, pull, open, release or retreat.
@@ -112,13 +112,13 @@ class Step(Shared):
 
 @dataclass(frozen=True)
 class StepRecord(Shared):
-    """A piece of an action that was carried out; times on the station's clock, s.
+    """Record of an executed step; times on the station's clock, s.
 
     Attributes:
         name: of the step.
         number: of the command.
-        sent: when it was commanded.
-        finished: when the station had done it.
+        sent: time of the command.
+        finished: time at which the station reported it done.
     """
 
     name: str
@@ -129,20 +129,20 @@ class StepRecord(Shared):
 
 @dataclass(frozen=True, eq=False)
 class Action(Shared):
-    """One look and what followed from it; complete once `outcome` is not empty.
+    """One look and what followed; complete once `outcome` is not empty.
 
     Attributes:
         look: number of the head command.
         began: when, on the station's clock, s.
-        perceived: what the look gave.
-        analysed: what was found.
+        perceived: range map of the look.
+        analysed: its observation, or the reason why there is none.
         observation: that the policy decided on; None where there is none.
         pull: decision to pull; None where nothing is pulled.
         stop: decision to stop; None where something is pulled.
         refusals: wrinkles before it that could not be pulled.
         planned: the plan.
         verified: its verdict.
-        steps: what was carried out.
+        steps: that were executed.
         outcome: done, missed, blind, flat, stopped, fault or interrupted; empty while it goes on.
         reason: for an outcome that is not `done`.
         policy_state: after it.
@@ -168,19 +168,18 @@ class Action(Shared):
 
 @dataclass(frozen=True, eq=False)
 class SupervisorState(Shared):
-    """The supervisor's whole state.
+    """State of the supervisor.
 
     Attributes:
         mode: state of the state machine.
         since: when the state, or its command, began on the station's clock, s.
-        sent: the state's command has been given.
+        sent: whether the state's command was sent.
         policy_state: of the policy.
         head, trajectory, gripper, request: last commands.
-        centre: (3,) world, what to look at next, m.
-        steps: what is left of the action, the current step first.
-        closed: last commanded state of the grippers.
-        replans: plans anew for this wrinkle.
-        action: the current look and what follows from it.
+        centre: (3,) point of the world to look at next, m.
+        steps: remaining steps of the action, the current one first.
+        replans: new plans for this wrinkle.
+        action: the present one.
         finished: the action before; None at first.
         status: running, flat, stopped, fault or interrupted.
         reason: why it ended.
@@ -204,17 +203,17 @@ class SupervisorState(Shared):
 
     @property
     def over(self) -> bool:
-        """Whether nothing will follow."""
+        """Whether the run has ended."""
         return self.mode in (Mode.DONE, Mode.FAULT)
 
     @property
     def moving(self) -> bool:
-        """Whether a motion was sent and is not known to have ended."""
+        """Whether a motion was sent and has not been reported as ended."""
         return self.mode in (Mode.MOVE, Mode.RETREAT) and self.sent
 
 
 class Feedback(Protocol):
-    """What the supervisor can ask; each answer is worked out only when it is asked for."""
+    """Inputs of the state machine, each computed only when it is read."""
 
     @property
     def time(self) -> float:
@@ -222,7 +221,7 @@ class Feedback(Protocol):
 
     @property
     def interrupted(self) -> bool:
-        """Whether somebody wants the run to end."""
+        """Whether the run is to end."""
 
     def exposed(self) -> int:
         """Number of the last exposure."""

@@ -1,4 +1,4 @@
-"""Transitions that every part of the state machine shares."""
+"""Transitions between states that all parts of the state machine share."""
 
 import logging
 from dataclasses import replace
@@ -20,17 +20,17 @@ _log = logging.getLogger(__name__)
 
 
 def at_rest(feedback: Feedback, settings: SupervisorSettings) -> bool:
-    """Whether every axis is slower than the settings call rest."""
+    """Return whether every axis is slower than `settings.rest_speed`."""
     return bool(np.abs(feedback.velocities()).max() < settings.rest_speed)
 
 
 def entered(now: SupervisorState, mode: Mode, feedback: Feedback) -> SupervisorState:
-    """A state begins; its command is not given yet."""
+    """Enter `mode`; its command has not been sent."""
     return replace(now, mode=mode, since=feedback.time, sent=False)
 
 
 def held(now: SupervisorState) -> SupervisorState:
-    """Command a hold if a motion may be under way."""
+    """Command a hold if a motion may be running."""
     if not now.moving:
         return now
     return replace(now, trajectory=TrajectoryCommand(now.trajectory.number + 1, None, "hold"))
@@ -39,7 +39,7 @@ def held(now: SupervisorState) -> SupervisorState:
 def ended(
     now: SupervisorState, mode: Mode, status: RunStatus, reason: str, feedback: Feedback
 ) -> SupervisorState:
-    """The run ends, and with it the action."""
+    """End the run and its present action."""
     action = replace(
         now.action,
         outcome=now.action.outcome or status,
@@ -52,13 +52,13 @@ def ended(
 
 
 def fault(now: SupervisorState, reason: str, feedback: Feedback) -> SupervisorState:
-    """A fault latches; what moves is held."""
+    """Enter the fault state, which has no exit, and hold a running motion."""
     _log.error(reason)
     return ended(held(now), Mode.FAULT, RunStatus.FAULTED, reason, feedback)
 
 
 def stopped(now: SupervisorState, stop: Stop, feedback: Feedback) -> SupervisorState:
-    """The judgement ends the run."""
+    """End the run by a decision of the policy."""
     now = replace(now, action=replace(now.action, stop=stop, pull=None))
     status = RunStatus.FLAT if stop.flat else RunStatus.STOPPED
     return ended(now, Mode.DONE, status, stop.reason, feedback)
@@ -67,7 +67,7 @@ def stopped(now: SupervisorState, stop: Stop, feedback: Feedback) -> SupervisorS
 def finished(
     now: SupervisorState, policy_state: PolicyState, outcome: str, reason: str, feedback: Feedback
 ) -> SupervisorState:
-    """An action ends; look again."""
+    """End the action and look again."""
     action = replace(
         now.action, outcome=outcome, reason=reason, policy_state=policy_state, ended=feedback.time
     )
