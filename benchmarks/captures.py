@@ -23,7 +23,7 @@ _COLUMNS = (
     "plan",
     "verdict",
     "perception + planning + verification, s",
-    "why not (wrinkle: reason)",
+    "why not",
     "planned and verified when turned by, deg",
 )
 #: Turns of the garment on the table that are tried where it has no plan as it lies, degrees.
@@ -90,10 +90,10 @@ def _proposed(flattener: Flattener, observation: Observation) -> dict[str, Any]:
     row: dict[str, Any] = {
         "flat": proposal.flat,
         "planned": proposal.plan is not None,
-        "reason": "; ".join(f"{r.wrinkle + 1}, {r.arms}: {r.reason}" for r in proposal.refusals),
+        "reason": "; ".join(proposal.refused),
     }
     if proposal.plan is None or proposal.verdict is None or proposal.result is None:
-        return row | {"reason": row["reason"] or proposal.reason}
+        return row | {"reason": proposal.reason}
     planning = proposal.result.result.timings.total
     return row | {
         "wrinkle": proposal.choice.decision.wrinkle.index + 1 if proposal.choice else None,

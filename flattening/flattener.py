@@ -102,7 +102,18 @@ class Proposal:
     @property
     def reason(self) -> str:
         """Why there is no plan; empty where there is one."""
-        return "" if self.stop is None else self.stop.reason
+        if self.stop is None:
+            return ""
+        if self.stop.flat or not self.refusals:
+            return self.stop.reason
+        return "; ".join(self.refused)
+
+    @property
+    def refused(self) -> tuple[str, ...]:
+        """Wrinkles that could not be pulled, each with its reason; a reason for both numbers of arms stands once."""
+        return tuple(
+            dict.fromkeys(f"wrinkle {item.wrinkle + 1}: {item.reason}" for item in self.refusals)
+        )
 
 
 def choose(observation: Observation, state: PolicyState, rules: LoopSettings) -> Choice | NoChoice:

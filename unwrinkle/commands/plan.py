@@ -133,11 +133,7 @@ def _nothing_planned(
     chosen = NoChoice(stop, proposal.state, proposal.refusals)
     print_wrinkles(console, observation.analysis, chosen)
     if not stop.flat:
-        reasons = "; ".join(
-            f"wrinkle {refusal.wrinkle + 1}, {refusal.arms}: {refusal.reason}"
-            for refusal in proposal.refusals
-        )
-        raise NoSafePlanError(f"no verified plan: {reasons or stop.reason}")
+        raise NoSafePlanError(f"no verified plan: {proposal.reason}")
     with finished_folder(folder, outdated=_PLAN_FILES) as work:
         save_analysis(work, observation, chosen, options, pictures=pictures)
     console.print(f"{stop.reason}; nothing to plan. Analysis in {folder}/", highlight=False)
