@@ -18,7 +18,8 @@ _COLOURS = {
     "moveit_mitigated": "tab:brown",
     "moveit_motion": "tab:red",
     "tracking": "tab:purple",
-    "sections": "tab:green",
+    "ruckig": "tab:green",
+    "without_start": "tab:cyan",
     "ours": "tab:blue",
 }
 _SHOWN = ("toppra", "moveit_sent", "tracking", "ours")  # over time
