@@ -61,25 +61,20 @@ class MotionTiming:
             )
         try:
             timed = time_paths(paths, bounds, self._smoothing)
+            for i, piece in enumerate(timed):
+                if not piece.duration <= self._settings.longest:
+                    raise self._too_long(piece, bounds[i], i)
         except PathTimingError as error:
-            name = PIECES[error.path][0]
-            raise PathTimingError(
-                f"the {name} has no timing: {error.limit.described(self._axes)} is in the way; {error}",
-                error.limit,
-                error.path,
-            ) from error
-        for i, piece in enumerate(timed):
-            if not piece.duration <= self._settings.longest:
-                raise self._too_long(i, piece, bounds[i])
+            raise error.named(PIECES[error.path][0], self._axes) from error
         return timed
 
-    def _too_long(self, index: int, piece: TimedPath, bounds: PathLimits) -> PathTimingError:
-        """The error of a piece that takes longer than the settings allow."""
+    def _too_long(self, piece: TimedPath, bounds: PathLimits, index: int) -> PathTimingError:
+        """The error of a piece that takes longer than the settings allow, with the limit that decides its time."""
         limit = deciding_limit(piece.path, bounds, time_optimal_profile(piece.path, bounds))
         return PathTimingError(
-            f"the {PIECES[index][0]} would take {piece.duration:.0f} s, at most {self._settings.longest:.0f} s "
-            f"are allowed; mostly {limit.described(self._axes)} holds it up; check the limits and the speed",
             limit,
+            f"makes it take {piece.duration:.3g} s, at most {self._settings.longest:.3g} s are allowed; check "
+            "the limits and the speed",
             index,
         )
 

@@ -29,13 +29,13 @@ def time_paths(
     Raises:
         PathTimingError: a path cannot be timed; the error has the joint and the place.
     """
-    profiles = []
-    for i, given in enumerate(zip(paths, limits, strict=True)):
+    timed, profiles = [], []
+    for i, (path, limit) in enumerate(zip(paths, limits, strict=True)):
         try:
-            profiles.append(time_optimal_profile(*given))
+            profiles.append(time_optimal_profile(path, limit))
+            if smoothing is Smoothing.RUCKIG:
+                timed.append(smooth_by_ruckig(path, limit, profiles[i]))
         except PathTimingError as error:
             error.path = i
             raise
-    if smoothing is Smoothing.OPTIMAL:
-        return smooth_optimally(paths, limits, profiles)
-    return [smooth_by_ruckig(*given) for given in zip(paths, limits, profiles, strict=True)]
+    return timed if smoothing is Smoothing.RUCKIG else smooth_optimally(paths, limits, profiles)

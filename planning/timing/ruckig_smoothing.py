@@ -172,9 +172,9 @@ def _as_one(path: JointPath, limits: PathLimits, profile: SpeedProfile) -> Phase
     whole = _Section.over(path, limits, profile.s, profile.speed, 0, len(profile.s) - 1)
     motion = whole.motion(1.0, 0.0, 0.0)
     if motion is None:
-        limit = deciding_limit(path, limits, profile)
         raise PathTimingError(
-            f"ruckig finds no motion along the path; mostly {limit.described()} bounds it", limit
+            deciding_limit(path, limits, profile),
+            "leaves ruckig no motion along the path; check the limits",
         )
     return PhasedLaw.joined([0.0], [motion])
 

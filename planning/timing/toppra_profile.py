@@ -56,13 +56,20 @@ class PathTimingError(NoSafePlanError):
 
     Attributes:
         limit: which joint's limit is in the way, and where.
+        effect: what the limit does to the timing, and what to try; continues the description of the limit.
         path: index of the path, where several are timed at once.
     """
 
-    def __init__(self, message: str, limit: LimitInTheWay, path: int = 0) -> None:
-        """Carry the limit that is in the way beside the message."""
-        super().__init__(message)
-        self.limit, self.path = limit, path
+    def __init__(self, limit: LimitInTheWay, effect: str, path: int = 0) -> None:
+        """Carry the limit, and say what it does."""
+        super().__init__(f"{limit.described()} {effect}")
+        self.limit, self.effect, self.path = limit, effect, path
+
+    def named(self, path: str, axes: Sequence[str]) -> "PathTimingError":
+        """The same error, whose message has the names of the path and of the axes (n,)."""
+        named = PathTimingError(self.limit, self.effect, self.path)
+        named.args = (f"the {path} cannot be timed: {self.limit.described(axes)} {self.effect}",)
+        return named
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,17 +185,15 @@ def _refuse_limits(path: JointPath, limits: PathLimits) -> None:
         if len(wrong):
             joint = int(wrong[0])
             place = float(s[np.argmax(np.abs(path.spline(s, nu=1)[:, joint]))])
-            limit = LimitInTheWay(quantity, joint, place)
             raise PathTimingError(
-                f"the {quantity} limit of axis {joint + 1} is {values[joint]:g}; "
-                "give positive limits",
-                limit,
+                LimitInTheWay(quantity, joint, place),
+                f"is {values[joint]:g}; give positive limits",
             )
     if limits.tip_speed is not None and not limits.tip_speed > 0.0:
         place = 0.0 if path.tip_rate is None else float(s[np.argmax(path.tip_rate(s))])
         raise PathTimingError(
-            f"the speed limit of the tool centre points is {limits.tip_speed:g} m/s; give a positive one",
             LimitInTheWay("tip speed", None, place),
+            f"is {limits.tip_speed:g} m/s; give positive limits",
         )
 
 
@@ -208,8 +213,7 @@ def _no_profile(
         "acceleration", int(np.argmax(share / limits.acceleration)), float(s[index])
     )
     return PathTimingError(
-        f"no speed along the path keeps {limit.described()}; move the target, so that the path bends less there",
-        limit,
+        limit, "leaves no speed there; move the target, so that the path bends less"
     )
 
 
