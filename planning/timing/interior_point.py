@@ -34,9 +34,8 @@ _NEWTON = 4  # steps for one weight of the barrier
 _WEIGHT = 300.0  # of the time against the barrier, before its first growth
 _SMOOTHING = (1.0, 2.0, 4.0, 8.0)  # widths of the start's smoothing, coefficients
 _START = 0.8  # share of the tightest limit that the start uses
-_LEAST = (
-    1e-6  # of a path's greatest rate at its ends, and of the median of the start's w: least values
-)
+_LEAST_RATE = 1e-6  # of the path at its ends, of its greatest rate: a start needs some
+_LEAST_WEIGHT = 1e-6  # of the start's w, of its median
 _TIME_FACTOR = 30.0 / 16.0  # ds/dtau over sqrt(x / w)
 
 
@@ -195,7 +194,7 @@ def _weights(path: JointPath, limits: PathLimits, profile: SpeedProfile) -> Arra
     """
     s, s_left = _GREVILLE_S, _GREVILLE_S[::-1]
     rates = (np.abs(path.spline(s, nu=1)) / limits.jerk).max(axis=1)
-    ends = np.maximum(rates[[0, -1]], _LEAST * rates.max())
+    ends = np.maximum(rates[[0, -1]], _LEAST_RATE * rates.max())
     begin, end = ends ** (-2.0 / 3.0)
     x = np.minimum.reduce(
         [
@@ -207,7 +206,7 @@ def _weights(path: JointPath, limits: PathLimits, profile: SpeedProfile) -> Arra
     w = np.empty(_COEFFICIENTS)
     w[1:-1] = x[1:-1] / (4.0 * _GREVILLE * (1.0 - _GREVILLE))[1:-1] ** 4
     w[0], w[-1] = (60.0 ** (4.0 / 3.0) / 1024.0) * np.array([begin, end])
-    return np.maximum(w, _LEAST * np.median(w))
+    return np.maximum(w, _LEAST_WEIGHT * np.median(w))
 
 
 def _evaluate(c: Array, basis: _Basis) -> Array:

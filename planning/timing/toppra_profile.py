@@ -115,7 +115,7 @@ def time_optimal_profile(
         gridpoints: intervals of toppra's backward and forward passes.
 
     Raises:
-        PathTimingError: a limit is not positive, or toppra finds no profile; with the joint and the place.
+        PathTimingError: a limit is not positive and finite, or toppra finds no profile; with the joint and the place.
     """
     _refuse_limits(path, limits)
     s = np.linspace(0.0, 1.0, gridpoints + 1)
@@ -173,7 +173,7 @@ def deciding_limit(path: JointPath, limits: PathLimits, profile: SpeedProfile) -
 
 
 def _refuse_limits(path: JointPath, limits: PathLimits) -> None:
-    """Refuse limits that are not positive numbers.
+    """Refuse limits that are not positive, finite numbers.
 
     Raises:
         PathTimingError: with the axis, and the place where it moves most.
@@ -181,13 +181,13 @@ def _refuse_limits(path: JointPath, limits: PathLimits) -> None:
     s = np.linspace(0.0, 1.0, _GRIDPOINTS + 1)
     for quantity in ("velocity", "acceleration", "jerk"):
         values = getattr(limits, quantity)
-        wrong = np.flatnonzero(~(values > 0.0))
+        wrong = np.flatnonzero(~((values > 0.0) & np.isfinite(values)))
         if len(wrong):
             joint = int(wrong[0])
             place = float(s[np.argmax(np.abs(path.spline(s, nu=1)[:, joint]))])
             raise PathTimingError(
                 LimitInTheWay(quantity, joint, place),
-                f"is {values[joint]:g}; give positive limits",
+                f"is {values[joint]:g}; give positive, finite limits",
             )
     if limits.tip_speed is not None and not limits.tip_speed > 0.0:
         place = 0.0 if path.tip_rate is None else float(s[np.argmax(path.tip_rate(s))])

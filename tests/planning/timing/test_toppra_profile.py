@@ -97,7 +97,7 @@ def test_the_deciding_limit_is_that_of_the_axis_that_needs_the_time():
 
 
 @pytest.mark.parametrize("quantity", ["velocity", "acceleration", "jerk"])
-@pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
 def test_limits_that_are_not_positive_are_refused_with_joint_and_place(quantity, value):
     """Axis 6 moves most at the end of its quarter of a turn."""
     points = np.linspace(0.0, 1.0, 20)[:, None] * np.ones(13)
