@@ -228,6 +228,7 @@ def test_page_of_results_with_failures_is_written(tmp_path):
     results = trajectories.summary(rows)
     assert results["headline"]["clean_on_every_path"] == ["ours"]
     assert results["headline"]["target_met_by"] == ["ours"]
+    assert results["start"]["paths"] == 0
     page = trajectories.table(results)
     assert "lost its way" in page and "| toppra alone | 1 | 0 of 1 |" in page
     json.dumps(results, allow_nan=False)
