@@ -43,6 +43,11 @@ class PhasedLaw:
     ends: Array
     states: Array
 
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        self.ends.setflags(write=False)
+        self.states.setflags(write=False)
+
     @classmethod
     def joined(cls, begins: list[float], motions: list[ruckig.Trajectory]) -> "PhasedLaw":
         """Join ruckig's one-axis motions, each from 0; `begins` are the path parameters at which they begin."""

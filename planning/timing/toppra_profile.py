@@ -84,6 +84,11 @@ class SpeedProfile:
     s: Array
     speed: Array
 
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        self.s.setflags(write=False)
+        self.speed.setflags(write=False)
+
     @property
     def steps(self) -> Array:
         """Times of the grid intervals (N,), s."""
@@ -111,7 +116,7 @@ def time_optimal_profile(
 
     Args:
         path: the path.
-        limits: the jerk limit is not used.
+        limits: jerk is not bounded, though its limit must be positive too: the smoothing stage needs it.
         gridpoints: intervals of toppra's backward and forward passes.
 
     Raises:
