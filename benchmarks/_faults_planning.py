@@ -15,7 +15,8 @@ from unwrinkle.models.robot import load_cell
 from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.search.planner import FlatteningPlanner
-from unwrinkle.planning.timing.path_timing import JointPath, PathLimits, time_paths
+from unwrinkle.planning.timing.joint_path import JointPath, PathLimits
+from unwrinkle.planning.timing.path_timing import time_paths
 from unwrinkle.planning.timing.straight_lines import time_line
 from unwrinkle.planning.verification.verifier import verify
 from unwrinkle.simulation.arms.track import Track

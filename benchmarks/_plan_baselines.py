@@ -1,4 +1,4 @@
-"""What the planner is compared with: Drake's inverse kinematics in its search, ruckig's sections, OMPL's RRT-Connect."""
+"""What the planner is compared with: Drake's inverse kinematics in its search, OMPL's RRT-Connect."""
 
 import time
 from dataclasses import replace
@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 
 from unwrinkle.benchmarks._drake_ik import DrakeInverseKinematics
-from unwrinkle.benchmarks._sectioned_ruckig import sectioned_ruckig_time
-from unwrinkle.benchmarks._toppra_bound import jerk_free_time
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import FlatteningTarget
@@ -17,7 +15,6 @@ from unwrinkle.planning.robot.collision import CollisionModel
 from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.search.key_poses import POSES
 from unwrinkle.planning.search.motion_search import Motion, MotionSearch
-from unwrinkle.planning.search.planner import FlatteningPlanner
 from unwrinkle.planning.search.settings import PlannerSettings
 from unwrinkle.planning.timing.straight_lines import time_line
 
@@ -93,38 +90,6 @@ def rrt_baseline(cell: Cell, targets: list[FlatteningTarget]) -> dict[str, Any]:
         "deviation_median": median(strays),
         "deviation_max": max(strays, default=None),
         "stretch_max": max(stretches, default=None),
-    }
-
-
-def ruckig_baseline(cell: Cell, targets: list[FlatteningTarget]) -> dict[str, Any]:
-    """The plans' curved pieces timed by toppra followed by sections of ruckig, and by the planner's own law."""
-    planner, limits = FlatteningPlanner(cell), cell.limits
-    own, sectioned, times, failed = [], [], [], 0
-    for target in targets:
-        pieces = planner.plan(target).pieces
-        tips = [limits.tip_speed_holding if i == 1 else None for i in range(len(pieces))]
-        clock = time.perf_counter()
-        durations = [
-            sectioned_ruckig_time(piece.path, limits, tip)
-            for piece, tip in zip(pieces, tips, strict=True)
-        ]
-        times.append(time.perf_counter() - clock)
-        least = sum(
-            jerk_free_time(piece.path, limits, tip) for piece, tip in zip(pieces, tips, strict=True)
-        )
-        found = [duration for duration in durations if duration is not None]
-        if len(found) < len(durations) or not pieces:
-            failed += 1
-            continue
-        own.append(sum(piece.duration for piece in pieces) / least)
-        sectioned.append(sum(found) / least)
-    return {
-        "tasks": len(targets),
-        "failed": failed,
-        "own_ratio_median": float(np.median(own)),
-        "ratio_median": float(np.median(sectioned)),
-        "ratio_max": float(np.max(sectioned)),
-        "time_median": float(np.median(times)),
     }
 
 

@@ -13,13 +13,15 @@ import ruckig
 from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 
-from unwrinkle.benchmarks._sectioned_ruckig import sectioned_ruckig
 from unwrinkle.benchmarks._toppra_bound import jerk_free_profile
 from unwrinkle.benchmarks._trajectory_moveit import Smoothed, Waypoints, smooth
 from unwrinkle.benchmarks._trajectory_paths import LINES, Piece
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.limits import Limits
-from unwrinkle.planning.timing.path_timing import JointPath, PathLimits, time_paths
+from unwrinkle.models.scenario import Smoothing
+from unwrinkle.planning.timing.interior_point import smooth_optimally
+from unwrinkle.planning.timing.joint_path import JointPath, PathLimits, TimedPath
+from unwrinkle.planning.timing.path_timing import time_paths
 from unwrinkle.planning.timing.straight_lines import time_line
 
 Samples = tuple[Array, Array, Array]  # times (N,), positions and velocities (N, 13)
@@ -47,10 +49,9 @@ class Law:
     def __init__(self, path: JointPath, limits: Limits, tip_speed: float | None) -> None:
         """Run toppra on a path."""
         self._path = path
-        self._s, self._speed = jerk_free_profile(path, limits, tip_speed)
-        steps = 2.0 * np.diff(self._s) / (self._speed[1:] + self._speed[:-1])
-        self._times = np.concatenate([[0.0], np.cumsum(steps)])
-        self._second = np.diff(self._speed) / steps
+        profile = jerk_free_profile(path, limits, tip_speed)
+        self._s, self._speed, self._second = profile.s, profile.speed, profile.second
+        self._times = np.concatenate([[0.0], np.cumsum(profile.steps)])
 
     @property
     def duration(self) -> float:
@@ -100,6 +101,7 @@ class Problem:
 
 
 Result = list[Samples | Failure]
+Timing = Callable[[list[JointPath], list[PathLimits]], list[TimedPath]]
 
 
 def toppra_alone(problem: Problem) -> Result:
@@ -179,28 +181,11 @@ def _tracked(law: Law, limits: Limits) -> Samples | Failure:
     return Failure(f"not at rest at the goal after {_LONGEST:.0f} times toppra's duration")
 
 
-def sections(problem: Problem) -> Result:
-    """toppra's profile cut at its minima and one-axis ruckig on the path parameter (see `_sectioned_ruckig`)."""
-    results: Result = []
-    for i, path in enumerate(problem.paths):
-        if i in LINES:
-            results.append(_line(problem, i))
-            continue
-        found = sectioned_ruckig(path, problem.limits, problem.tip_speed(i))
-        if found is None:
-            results.append(Failure("no sections hold the limits"))
-            continue
-        begins = np.array([begin for begin, _ in found])
-        chain = _Chain([motion for _, motion in found])
-        results.append(_sampled(chain.duration, partial(_section_state, path, begins, chain)))
-    return results
-
-
-def ours(problem: Problem) -> Result:
-    """The planner's: phase-synchronised ruckig along joint lines, the interior-point law along curves."""
+def planned(problem: Problem, timing: Timing) -> Result:
+    """The planner's: ruckig along joint lines, one of its timings along curves."""
     limits = problem.limits
     curved = [i for i in range(len(problem.pieces)) if i not in LINES]
-    timed = time_paths(
+    timed = timing(
         [problem.paths[i] for i in curved],
         [
             PathLimits(limits.velocity, limits.acceleration, limits.jerk, problem.tip_speed(i))
@@ -244,14 +229,6 @@ def _chain_state(chain: _Chain, times: Array) -> tuple[Array, Array]:
     return q, v
 
 
-def _section_state(
-    path: JointPath, begins: Array, chain: _Chain, times: Array
-) -> tuple[Array, Array]:
-    index, s, speed = chain.at(times)
-    s = np.clip(begins[index] + s[:, 0], 0.0, 1.0)
-    return path.spline(s), path.spline(s, nu=1) * speed
-
-
 def _spline_state(spline: BPoly, rate: BPoly, times: Array) -> tuple[Array, Array]:
     return spline(times), rate(times)
 
@@ -282,6 +259,13 @@ METHODS: dict[str, tuple[str, Callable[[Problem], Result]]] = {
     ),
     "moveit_motion": ("MoveIt 2, ruckig's motion through them", moveit_motion),
     "tracking": ("13-axis ruckig tracking", tracking),
-    "sections": ("ruckig sections on the path", sections),
-    "ours": ("ours", ours),
+    "ruckig": (
+        "ours, `ruckig`",
+        lambda problem: planned(problem, partial(time_paths, smoothing=Smoothing.RUCKIG)),
+    ),
+    "without_start": (
+        "ours, `optimal` without toppra's start",
+        lambda problem: planned(problem, smooth_optimally),
+    ),
+    "ours": ("ours, `optimal`", lambda problem: planned(problem, time_paths)),
 }

@@ -19,7 +19,7 @@ from scipy.sparse import coo_array, csr_array, vstack
 
 from unwrinkle.models.arrays import Array, Indices
 from unwrinkle.models.limits import Limits
-from unwrinkle.planning.timing.path_timing import JointPath, PathLimits
+from unwrinkle.planning.timing.joint_path import JointPath, PathLimits
 from unwrinkle.planning.timing.straight_lines import time_line
 
 _INTERVALS = 120

@@ -18,7 +18,8 @@ _COLOURS = {
     "moveit_mitigated": "tab:brown",
     "moveit_motion": "tab:red",
     "tracking": "tab:purple",
-    "sections": "tab:green",
+    "ruckig": "tab:green",
+    "without_start": "tab:cyan",
     "ours": "tab:blue",
 }
 _SHOWN = ("toppra", "moveit_sent", "tracking", "ours")  # over time
@@ -43,7 +44,7 @@ def page(results: dict[str, Any]) -> str:
         "",
         (
             f"Target: no violation, no deviation, at most {head['target_ratio']:.2f} times toppra's jerk-free "
-            f"time, on every path. It is met by: **{met}**. Ours takes {head['ours_ratio_median']:.3f} (median) and "
+            f"time, on every path. It is met by: **{met}**. Ours (`timing: {{smoothing: optimal}}`, the default) takes {head['ours_ratio_median']:.3f} (median) and "
             f"{head['ours_ratio_max']:.3f} (worst) times that; {head['ours_clean_paths']} of {about['timed']} paths "
             f"without a violation or a deviation (worst {1e6 * head['ours_deviation_max']:.2f} um). Under the same limits "
             f"an independent nonlinear programme is faster by {_percent(head['ours_over_programme'])} (median, worst) of a "
@@ -62,10 +63,11 @@ def page(results: dict[str, Any]) -> str:
             "those cubics overshoot it, and jerk has no bound but the sampling rate. Deviation is the greatest "
             "distance of either tool centre point from the path's nearest point, between samples too; up to "
             f"{1e3 * judge['no_deviation']:.2f} mm counts as none. CPU time is that of all five pieces; toppra's law, "
-            "which others start from, is counted under toppra alone."
+            "which MoveIt 2 and the tracking start from, is counted under toppra alone, while ours include their own."
         ),
         "",
         *_reasons(results["methods"]),
+        *_start(results["start"]),
         "## How near to the optimum",
         "",
         *_optimum(results["optimum"]),
@@ -125,6 +127,24 @@ def _reasons(methods: dict[str, Any]) -> list[str]:
         if row["reasons"]
     ]
     return ["Why methods failed:", "", *lines, ""] if lines else []
+
+
+def _start(start: dict[str, Any]) -> list[str]:
+    if not start["paths"]:
+        return []
+    ratio, own, without = (
+        start[key] for key in ("duration_ratio", "computing", "computing_without")
+    )
+    return [
+        "## What the start from toppra's profile does",
+        "",
+        (
+            f"`optimal` started from toppra's profile takes {ratio['median']:.5f} (median; {ratio['min']:.5f} to "
+            f"{ratio['max']:.5f}) times the motion time that it takes when it starts from a constant, on {start['paths']} paths. "
+            f"CPU time, toppra included: {1e3 * own['median']:.0f} ms (median) against {1e3 * without['median']:.0f} ms."
+        ),
+        "",
+    ]
 
 
 def _optimum(optimum: dict[str, Any]) -> list[str]:

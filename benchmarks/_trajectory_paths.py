@@ -30,7 +30,7 @@ from unwrinkle.planning.search.key_poses import PIECES, POSES
 from unwrinkle.planning.search.motion_search import Motion, MotionSearch
 from unwrinkle.planning.search.settings import PlannerSettings
 from unwrinkle.planning.search.transit import TransitPlanner
-from unwrinkle.planning.timing.path_timing import JointPath
+from unwrinkle.planning.timing.joint_path import JointPath
 
 FORMAT, VERSION = "unwrinkle-seven-pose-paths", 1
 #: The five pieces of a path, in order.

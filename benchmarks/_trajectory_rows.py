@@ -26,7 +26,8 @@ from unwrinkle.models.limits import Limits
 from unwrinkle.models.robot import load_cell
 from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.search.settings import PlannerSettings
-from unwrinkle.planning.timing.path_timing import JointPath, PathLimits, time_paths
+from unwrinkle.planning.timing.joint_path import JointPath, PathLimits
+from unwrinkle.planning.timing.path_timing import time_paths
 from unwrinkle.planning.timing.straight_lines import time_line
 
 #: Fraction of every limit that every method leaves unused.

@@ -1,6 +1,7 @@
 """The scenario: which robot, which cell, which limits; read from one typed YAML file."""
 
 import dataclasses as dc
+from enum import StrEnum
 from math import isfinite
 from pathlib import Path
 
@@ -18,6 +19,13 @@ ORDERS = ("volume", "pull", "height", "length", "together")
 SECTIONS = ("centre", "highest")
 PULLS = ("wrinkle", "section")
 TURNTABLES = ("free", "fixed")
+
+
+class Smoothing(StrEnum):
+    """How the timing of curved paths bounds jerk."""
+
+    OPTIMAL = "optimal"
+    RUCKIG = "ruckig"
 
 
 @dc.dataclass
@@ -73,6 +81,15 @@ class PlannerOptions:
 
     # free, or fixed: plans leave the turn-table where it stands (for controllers that move two groups only).
     turntable: str = "free"
+
+
+@dc.dataclass
+class TimingSettings:
+    """How motions are timed."""
+
+    # How jerk is bounded along curved paths, from toppra's profile on: optimal (an interior-point programme), or ruckig
+    # (one-axis ruckig along the path, slower motions). Straight joint lines are ruckig's.
+    smoothing: str = "optimal"
 
 
 @dc.dataclass
@@ -205,6 +222,7 @@ class Scenario:
     clearance: Clearances = dc.field(default_factory=Clearances)
     tools: ToolSettings = dc.field(default_factory=ToolSettings)
     planner: PlannerOptions = dc.field(default_factory=PlannerOptions)
+    timing: TimingSettings = dc.field(default_factory=TimingSettings)
     station: StationSettings = dc.field(default_factory=StationSettings)
     sensor: SensorSettings = dc.field(default_factory=SensorSettings)
     loop: LoopSettings = dc.field(default_factory=LoopSettings)
@@ -230,6 +248,7 @@ class Scenario:
     def _validate_loop(self) -> None:
         choices = (
             ("planner turntable", self.planner.turntable, TURNTABLES),
+            ("timing smoothing", self.timing.smoothing, tuple(Smoothing)),
             ("station form", self.station.form, STATION_FORMS),
             ("sensor kind", self.sensor.kind, SENSOR_KINDS),
             ("loop arms", self.loop.arms, ("any", "dual", "single")),

@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 
 from unwrinkle.models.arrays import Array
-from unwrinkle.models.errors import NoSafePlanError
 from unwrinkle.models.robot import Cell
+from unwrinkle.models.scenario import Smoothing
 from unwrinkle.planning.plan import GripperEvent, PoseMark, Segment
 from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.search.key_poses import PIECES, POSES
@@ -14,9 +14,15 @@ from unwrinkle.planning.search.motion_search import Motion
 from unwrinkle.planning.search.settings import PlannerSettings
 from unwrinkle.planning.search.transit import Transit
 from unwrinkle.planning.sent_samples import MILLISECONDS, whole_millisecond, whole_milliseconds
-from unwrinkle.planning.timing.path_timing import JointPath, PathLimits, TimedPath, time_paths
+from unwrinkle.planning.timing.joint_path import JointPath, PathLimits, TimedPath
+from unwrinkle.planning.timing.path_timing import time_paths
 from unwrinkle.planning.timing.sampling import Samples, sample_within, sampling_period
 from unwrinkle.planning.timing.straight_lines import time_line
+from unwrinkle.planning.timing.toppra_profile import (
+    PathTimingError,
+    deciding_limit,
+    time_optimal_profile,
+)
 from unwrinkle.planning.trajectory import Trajectory
 
 #: Wait after the grippers' stroke: their controller reports "closed" early by about this, s.
@@ -27,15 +33,17 @@ class MotionTiming:
     """Times motions under one cell's limits."""
 
     def __init__(self, cell: Cell, settings: PlannerSettings, kinematics: Kinematics) -> None:
-        """Use the cell's limits, less the settings' margin."""
+        """Use the cell's limits, less the settings' margin, and the scenario's smoothing."""
         self._limits, self._settings, self._kinematics = cell.limits, settings, kinematics
+        self._axes = cell.robot.axes
+        self._smoothing = Smoothing(cell.scenario.timing.smoothing)
         self._period = sampling_period(settings.sample_time, cell.scenario.speed)
 
     def pieces(self, motion: Motion) -> list[TimedPath]:
         """The motion's three pieces, each from rest to rest; the tools' speed is capped where they hold cloth.
 
         Raises:
-            NoSafePlanError: a piece takes longer than the settings allow.
+            PathTimingError: a piece cannot be timed, or takes longer than the settings allow; it names the axis and the place.
         """
         limits, keep = self._limits, 1.0 - self._settings.margin
         paths, bounds = [], []
@@ -51,15 +59,24 @@ class MotionTiming:
                     keep * limits.tip_speed_holding if holding else None,
                 )
             )
-        timed = time_paths(paths, bounds)
-        longest = self._settings.longest
-        for (name, _, _), piece in zip(PIECES, timed, strict=True):
-            if not piece.duration <= longest:
-                raise NoSafePlanError(
-                    f"the {name} would take {piece.duration:.0f} s, at most {longest:.0f} s are allowed; "
-                    "check the limits and the speed"
-                )
+        try:
+            timed = time_paths(paths, bounds, self._smoothing)
+            for i, piece in enumerate(timed):
+                if not piece.duration <= self._settings.longest:
+                    raise self._too_long(piece, bounds[i], i)
+        except PathTimingError as error:
+            raise error.named(PIECES[error.path][0], self._axes) from error
         return timed
+
+    def _too_long(self, piece: TimedPath, bounds: PathLimits, index: int) -> PathTimingError:
+        """The error of a piece that takes longer than the settings allow, with the limit that decides its time."""
+        limit = deciding_limit(piece.path, bounds, time_optimal_profile(piece.path, bounds))
+        return PathTimingError(
+            limit,
+            f"makes it take {piece.duration:.3g} s, at most {self._settings.longest:.3g} s are allowed; check "
+            "the limits and the speed",
+            index,
+        )
 
     def segments(
         self, motion: Motion, pieces: list[TimedPath], ways: tuple[Transit, Transit]

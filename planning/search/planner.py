@@ -24,7 +24,7 @@ from unwrinkle.planning.search.hand_paths import HandCandidate
 from unwrinkle.planning.search.motion_search import Motion, MotionSearch
 from unwrinkle.planning.search.settings import PlannerSettings, with_turntable_at
 from unwrinkle.planning.search.transit import Transit, TransitPlanner
-from unwrinkle.planning.timing.path_timing import TimedPath
+from unwrinkle.planning.timing.joint_path import TimedPath
 
 _log = logging.getLogger(__name__)
 _ARMS = {"any": ("dual", "single"), "dual": ("dual",), "single": ("single",)}

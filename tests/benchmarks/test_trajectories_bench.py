@@ -26,7 +26,7 @@ from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.search.key_poses import POSES
-from unwrinkle.planning.timing.path_timing import JointPath, PathLimits
+from unwrinkle.planning.timing.joint_path import JointPath, PathLimits
 from unwrinkle.planning.timing.straight_lines import time_line
 
 SET = load_paths()
@@ -104,8 +104,10 @@ def test_ours_keeps_to_the_path_and_the_limits_and_the_others_do_not():
     assert rows["moveit_sent"]["violations"]["jerk"] > 0
     assert rows["moveit_motion"]["deviation"] > 0.01
     assert rows["tracking"]["deviation"] > 0.01
-    assert sum(rows["sections"]["violations"].values()) == 0
-    assert ours["duration"] < min(rows[k]["duration"] for k in ("sections", "tracking"))
+    assert sum(rows["ruckig"]["violations"].values()) == 0
+    assert rows["ruckig"]["deviation"] < NO_DEVIATION
+    assert ours["duration"] < min(rows[k]["duration"] for k in ("ruckig", "tracking"))
+    assert ours["duration"] == pytest.approx(rows["without_start"]["duration"], rel=5e-3)
 
 
 def test_the_judge_sees_each_violation():
@@ -226,6 +228,7 @@ def test_page_of_results_with_failures_is_written(tmp_path):
     results = trajectories.summary(rows)
     assert results["headline"]["clean_on_every_path"] == ["ours"]
     assert results["headline"]["target_met_by"] == ["ours"]
+    assert results["start"]["paths"] == 0
     page = trajectories.table(results)
     assert "lost its way" in page and "| toppra alone | 1 | 0 of 1 |" in page
     json.dumps(results, allow_nan=False)

@@ -10,7 +10,8 @@ from unwrinkle.benchmarks._toppra_bound import jerk_free_line_time, jerk_free_ti
 from unwrinkle.models.errors import InputError, NoSafePlanError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.planning.sent_samples import as_sent
-from unwrinkle.planning.timing.path_timing import JointPath, PathLimits, time_paths
+from unwrinkle.planning.timing.joint_path import JointPath, PathLimits
+from unwrinkle.planning.timing.path_timing import time_paths
 from unwrinkle.planning.timing.sampling import sampling_period, sent_ratios
 from unwrinkle.planning.timing.straight_lines import time_line
 from unwrinkle.planning.trajectory import Trajectory
