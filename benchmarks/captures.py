@@ -92,9 +92,9 @@ def _proposed(flattener: Flattener, observation: Observation) -> dict[str, Any]:
         "planned": proposal.plan is not None,
         "reason": "; ".join(proposal.refused),
     }
-    if proposal.plan is None or proposal.verdict is None or proposal.result is None:
+    if proposal.plan is None or proposal.verdict is None or proposal.planned is None:
         return row | {"reason": proposal.reason}
-    planning = proposal.result.result.timings.total
+    planning = proposal.planned.result.timings.total
     return row | {
         "wrinkle": proposal.choice.decision.wrinkle.index + 1 if proposal.choice else None,
         "dual": proposal.plan.dual,

@@ -24,10 +24,10 @@ target = uw.FlatteningTarget(
     mode="foot",
 )
 found = uw.Flattener(cell).plan(target)
-if found.result.plan is None or found.verdict is None:
+if found.plan is None or found.verdict is None:
     raise SystemExit(found.reason)
-print(f"motion {found.result.plan.motion_time:.2f} s; {found.verdict.summary()}")
+print(f"motion {found.plan.motion_time:.2f} s; {found.verdict.summary()}")
 
 page = sys.argv[1] if len(sys.argv) > 1 else "preview.html"
-uw.save_preview(page, found.result.plan, found.verdict, cell)
+uw.save_preview(page, found.plan, found.verdict, cell)
 print(f"open {page}")

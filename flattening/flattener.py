@@ -80,7 +80,7 @@ class Proposal:
         plan: that passed its verification; None where nothing is to be done, or nothing can be.
         verdict: of the plan.
         choice: wrinkle and target of the plan.
-        result: of the planner, with its timings.
+        planned: answer of planner and verification, with timings and refused plans.
         stop: why there is no plan.
         refusals: wrinkles that came first but could not be pulled, in order.
         state: of the policy after it.
@@ -89,7 +89,7 @@ class Proposal:
     plan: FlatteningPlan | None = None
     verdict: Verdict | None = None
     choice: Choice | None = None
-    result: VerifiedResult | None = None
+    planned: VerifiedResult | None = None
     stop: Stop | None = None
     refusals: tuple[Refusal, ...] = ()
     state: PolicyState = dc.field(default_factory=PolicyState)
@@ -278,7 +278,7 @@ class Flattener:
             found = self.plan(choice.target, start=start, arms=decision.arms, garment=garment)
             if found.verdict is not None:
                 return Proposal(
-                    found.result.plan,
+                    found.plan,
                     found.verdict,
                     choice,
                     found,

@@ -26,6 +26,11 @@ class VerifiedResult:
     refused: tuple[Verdict, ...] = ()
 
     @property
+    def plan(self) -> FlatteningPlan | None:
+        """The plan that passed; None where there is none."""
+        return self.result.plan if self.verdict is not None else None
+
+    @property
     def reason(self) -> str:
         """Why there is no verified plan; empty where there is one."""
         if self.verdict is not None:

@@ -98,8 +98,8 @@ def plan(
         _nothing_planned(proposal, proposal.stop, observation, options, folder, console, pictures)
         return
     assert proposal.plan is not None and proposal.verdict is not None
-    assert proposal.choice is not None and proposal.result is not None
-    planning = proposal.result.result.timings.total
+    assert proposal.choice is not None and proposal.planned is not None
+    planning = proposal.planned.result.timings.total
     clock.add("planning", planning)
     clock.lap("cell model, verification", less=planning)
     print_wrinkles(console, observation.analysis, proposal.choice)
