@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from unwrinkle.benchmarks._data import GARMENT_CENTRE, TABLE
 from unwrinkle.benchmarks._fault_rows import Case, Row
 from unwrinkle.benchmarks._faults_pair import perceive, seen_pair
 from unwrinkle.benchmarks._faults_station import (
@@ -158,7 +159,12 @@ def spoiled_depth(case: Case) -> None:
         case.reads(run.end.reason, *words)
     for name, value in (("zero", 0.0), ("NaN", np.nan), ("infinite", np.inf)):
         spoiled = dc.replace(good, depth=holes(0.3, value)(good.depth.copy()))
-        analysis = analyse(range_map_from_capture(spoiled, seed=case.seed))
+        analysis = analyse(
+            range_map_from_capture(
+                spoiled, seed=case.seed, centre=GARMENT_CENTRE, table_height=TABLE.height
+            ),
+            table=TABLE,
+        )
         case.expect(
             len(analysis.worth_pulling) == 1 and np.isfinite(analysis.range_map.height).all(),
             f"30 % {name} readings are masked, and the wrinkle is found",
@@ -167,7 +173,10 @@ def spoiled_depth(case: Case) -> None:
 
 
 def _analysed(capture: Capture) -> Analysis:
-    return analyse(range_map_from_capture(capture))
+    return analyse(
+        range_map_from_capture(capture, centre=GARMENT_CENTRE, table_height=TABLE.height),
+        table=TABLE,
+    )
 
 
 def nothing_to_grasp(case: Case) -> None:
@@ -198,7 +207,7 @@ def nothing_to_grasp(case: Case) -> None:
         table_height=0.7,
         sensor="stereo",
     )
-    analysis = analyse(seen)
+    analysis = analyse(seen, table=TABLE)
     decision = policy.decide(policy.sight_of(analysis), policy.Memory(looks=1), LoopSettings())
     case.expect(
         isinstance(decision, policy.Stop) and not decision.flat,

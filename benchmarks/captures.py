@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from unwrinkle.benchmarks._data import data_folder
+from unwrinkle.benchmarks._data import GARMENT_CENTRE, TABLE, data_folder
 from unwrinkle.benchmarks.report import Progress
 from unwrinkle.flattening.verified_planning import plan_verified
 from unwrinkle.models.robot import Cell, load_cell
@@ -87,7 +87,16 @@ def _measure(path: Path, cell: Cell, planner: FlatteningPlanner, seed: int) -> d
 def _analysis(path: Path, seed: int, turn: float = 0.0) -> Analysis:
     """Wrinkles of a capture laid on the table, turned by degrees."""
     capture = load_capture(path, _CAMERA)
-    return analyse(range_map_from_capture(capture, yaw=np.radians(turn), seed=seed))
+    return analyse(
+        range_map_from_capture(
+            capture,
+            yaw=np.radians(turn),
+            seed=seed,
+            centre=GARMENT_CENTRE,
+            table_height=TABLE.height,
+        ),
+        table=TABLE,
+    )
 
 
 def _planned(analysis: Analysis, cell: Cell, planner: FlatteningPlanner) -> dict[str, Any]:

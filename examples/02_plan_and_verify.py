@@ -11,8 +11,11 @@ from unwrinkle.perception.wrinkles.analysis import analyse
 from unwrinkle.planning.search.planner import FlatteningPlanner
 
 cell = load_cell()
-range_map = range_map_from_capture(load_capture(model_file("captures/towel.npz")))
-target = analyse(range_map).target
+capture = load_capture(model_file("captures/towel.npz"))
+range_map = range_map_from_capture(
+    capture, centre=cell.scenario.garment_centre, table_height=cell.table.height
+)
+target = analyse(range_map, table=cell.table).target
 if isinstance(target, NoTarget):
     raise SystemExit(target.reason)
 

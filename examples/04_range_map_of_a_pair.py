@@ -25,7 +25,8 @@ folder.mkdir(exist_ok=True)
 
 # The cell with a towel on its table; the head looks at the towel's centre.
 towel = wrinkled_towel(seed=7)
-renderer = Renderer(load_cell(), [towel_mesh(towel)])
+cell = load_cell()
+renderer = Renderer(cell, [towel_mesh(towel)])
 head = nominal_head()
 gaze = head.gaze_at(np.array([*towel.centre, towel.table_height]))
 X_WL, X_WR = head.poses(gaze)
@@ -35,8 +36,8 @@ for name, image in (("left", left), ("right", right)):
     cv2.imwrite(str(folder / f"{name}.png"), image[..., ::-1])
 
 # Pair and angles in, heights above the table out.
-range_map = range_map_from_pair(StereoPair(left, right), head, gaze)
-analysis = analyse(range_map)
+range_map = range_map_from_pair(StereoPair(left, right), head, gaze, table=cell.table)
+analysis = analyse(range_map, table=cell.table)
 save_pictures(folder, analysis, analysis.wrinkledness, title="pair")
 print(f"map of {range_map.shape[1]} x {range_map.shape[0]} cells of {range_map.resolution} m")
 for wrinkle, ridge in zip(analysis.wrinkles, towel.ridges, strict=False):

@@ -27,7 +27,11 @@ from unwrinkle.site.sites import find_site, site_cell
 log_file = Path(sys.argv[1] if len(sys.argv) > 1 else "run.jsonl")
 site = find_site("loopback")
 cell = site_cell(site)
-target = analyse(range_map_from_capture(load_capture(model_file("captures/towel.npz")))).target
+capture = load_capture(model_file("captures/towel.npz"))
+range_map = range_map_from_capture(
+    capture, centre=cell.scenario.garment_centre, table_height=cell.table.height
+)
+target = analyse(range_map, table=cell.table).target
 if isinstance(target, NoTarget):
     raise SystemExit(target.reason)
 plan = FlatteningPlanner(cell).plan(target).plan

@@ -25,6 +25,7 @@ from unwrinkle.models.limits import Limits, load_limits
 from unwrinkle.models.loader_yaml import load_yaml, models_dir
 from unwrinkle.models.model_files import files_named_by
 from unwrinkle.models.scenario import Scenario, load_scenario, resolve
+from unwrinkle.models.table import Table
 
 ROBOT_INSTANCES = ("turntable", "r1", "r2", "r1_gripper", "r2_gripper", "left_ptu", "right_ptu")
 
@@ -120,10 +121,12 @@ class Cell:
         X_WS = frame.CalcPoseInWorld(plant.CreateDefaultContext()).GetAsMatrix4()
         return np.asarray(X_WS)
 
-    @property
-    def table_centre(self) -> NDArray[np.float64]:
-        """Centre (3,) of the working table's top surface in the world, m."""
-        return np.asarray(self.table_pose[:3, 3])
+    @cached_property
+    def table(self) -> Table:
+        """The working table's top, its size along world x and y."""
+        x, y, height = (float(value) for value in self.table_pose[:3, 3])
+        across, along = self.scenario.table.size
+        return Table((x, y), (across, along), height)
 
     def beyond_table(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """How far places lie beyond the nearest edge line of the working table, m; negative on it.

@@ -82,7 +82,7 @@ class FlatteningSupervisor(LeafSystem):
         first = Situation(
             memory=memory,
             head=HeadCommand(memory.looks),
-            centre=(float(x), float(y), float(cell.table_centre[2])),
+            centre=(float(x), float(y), cell.table.height),
             action=Action(look=memory.looks + 1, memory=memory),
         )
         self._speed = settings.speed

@@ -145,7 +145,7 @@ class PinchPlanner:
         self.settings = PinchSettings() if settings is None else settings
         self.blades = load_blades()
         self.opening = cell.scenario.gripper.opening
-        self._table = float(cell.table_centre[2])
+        self._table = cell.table.height
         self._kinematics = Kinematics(cell)
         self._contact = CollisionModel(cell, contact=True)
         self._transits = TransitPlanner(

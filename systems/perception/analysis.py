@@ -10,7 +10,6 @@ from unwrinkle.flattening.messages import Analysed, Perceived
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.wrinkles.analysis import analyse
-from unwrinkle.perception.wrinkles.targeting import TableTop
 from unwrinkle.systems.latest import Latest
 
 _log = logging.getLogger(__name__)
@@ -22,9 +21,7 @@ class WrinkleAnalysis(LeafSystem):
     def __init__(self, cell: Cell) -> None:
         """Take the table and how to pull (Eq. 5, the section) from the cell's scenario."""
         super().__init__()
-        x, y, _ = (float(value) for value in cell.table_centre)
-        width, depth = cell.scenario.table.size
-        self._table, self._rules = TableTop((x, y), (width, depth)), cell.scenario.loop
+        self._table, self._rules = cell.table, cell.scenario.loop
         port = self.DeclareAbstractInputPort("range_map", AbstractValue.Make(Perceived()))
         self.DeclareAbstractOutputPort(
             "analysis",

@@ -32,10 +32,7 @@ class DepthPerception(LeafSystem):
             seed: of perception's random choices.
         """
         super().__init__()
-        x, y = cell.scenario.garment_centre
-        self._centre, self._height = (x, y), float(cell.table_centre[2])
-        across, along = cell.scenario.table.size
-        self._table_centre, self._table_size = cell.table_centre, (across, along)
+        self._table, self._centre = cell.table, cell.scenario.garment_centre
         self._seed = seed
         port = self.DeclareAbstractInputPort("image", AbstractValue.Make(DepthImage()))
         tickets = {self.input_port_ticket(port.get_index())}
@@ -64,9 +61,12 @@ class DepthPerception(LeafSystem):
                 )
             unseen = noise_profile(image.capture.camera.sensor).garment_height
             # From above the floor may fill more of the view than the table does.
-            table = over_table(image.capture, self._table_centre, self._table_size)
+            capture = over_table(image.capture, self._table)
             found = range_map_from_capture(
-                table, centre=self._centre, table_height=self._height, seed=self._seed
+                capture,
+                centre=self._centre,
+                table_height=self._table.height,
+                seed=self._seed,
             )
         except InputError as error:
             return failed(number, error, clock, unseen=unseen)

@@ -15,7 +15,7 @@ from unwrinkle.models.robot import Cell
 from unwrinkle.perception.sensor import noise_profile
 from unwrinkle.perception.stereo.head import StereoHead
 from unwrinkle.perception.stereo.pair import StereoPair
-from unwrinkle.perception.stereo.range_mapping import KnownTable, range_map_from_pair
+from unwrinkle.perception.stereo.range_mapping import range_map_from_pair
 from unwrinkle.systems.latest import Latest
 
 #: How perception's message begins where the table is bare.
@@ -27,13 +27,6 @@ MOST_APART, MOST_TURNED = 1.0, 7e-4
 UNSEEN = noise_profile("stereo-head").garment_height
 
 _log = logging.getLogger(__name__)
-
-
-def known_table(cell: Cell) -> KnownTable:
-    """The cell's working table, in the form that perception takes."""
-    x, y, height = (float(value) for value in cell.table_centre)
-    width, depth = cell.scenario.table.size
-    return KnownTable((x, y), (width, depth), height)
 
 
 def failed(number: int, error: InputError, clock: float, *, unseen: float) -> Perceived:
@@ -68,7 +61,7 @@ class StereoPerception(LeafSystem):
             seed: of perception's random choices.
         """
         super().__init__()
-        self._head, self._table, self._seed = head, known_table(cell), seed
+        self._head, self._table, self._seed = head, cell.table, seed
         images = [
             self.DeclareAbstractInputPort(name, AbstractValue.Make(HeadImage()))
             for name in ("left_image", "right_image")

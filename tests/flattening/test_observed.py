@@ -5,6 +5,7 @@ import dataclasses as dc
 import numpy as np
 import pytest
 
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.flattening.policy import NOISES, SeenWrinkle, Sight, sight_of
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.wrinkles.analysis import analyse
@@ -26,7 +27,7 @@ def test_a_ridge_that_rises_towards_the_rim_is_as_high_as_at_its_highest():
         table_height=0.7,
         sensor="stereo-head",
     )
-    analysis = analyse(seen)
+    analysis = analyse(seen, table=TABLE)
     sight = sight_of(analysis)
     assert analysis.wrinkles[0].peak_height < 0.004
     assert 0.0043 < sight.wrinkles[0].height < 0.0062

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from unwrinkle import cli
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.range_mapping import range_map_from_capture
@@ -267,7 +268,8 @@ def _seen(towel: Towel) -> Analysis:
     return analyse(
         range_map_from_capture(
             capture, profile=noise_profile("stereo"), centre=towel.centre, table_height=0.70
-        )
+        ),
+        table=TABLE,
     )
 
 

@@ -124,15 +124,11 @@ def analysed(options: CaptureOptions, cell: "Cell") -> "Analysis":
     """
     from unwrinkle.perception.sensor import noise_profile
     from unwrinkle.perception.wrinkles.analysis import analyse
-    from unwrinkle.perception.wrinkles.targeting import TableTop
 
     profile = noise_profile(options.sensor) if options.sensor is not None else None
     mapped = _map_of_pair if options.head is not None else _map_of_depth
     range_map = mapped(options, cell, profile)
-    x, y, _ = cell.table_centre
-    width, depth = cell.scenario.table.size
-    table = TableTop((float(x), float(y)), (width, depth))
-    return analyse(range_map, mode=options.mode, profile=profile, table=table)
+    return analyse(range_map, mode=options.mode, profile=profile, table=cell.table)
 
 
 def _map_of_depth(
@@ -149,12 +145,11 @@ def _map_of_depth(
         colour_registered=options.registered,
         pose=options.pose,
     )
-    garment_x, garment_y = cell.scenario.garment_centre
     return range_map_from_capture(
         capture,
         profile=profile,
-        centre=(garment_x, garment_y),
-        table_height=float(cell.table_centre[2]),
+        centre=cell.scenario.garment_centre,
+        table_height=cell.table.height,
         yaw=radians(options.yaw),
         seed=options.seed,
     )
@@ -165,18 +160,16 @@ def _map_of_pair(
 ) -> "RangeMap":
     from unwrinkle.perception.stereo.head_file import load_look
     from unwrinkle.perception.stereo.pair import load_pair
-    from unwrinkle.perception.stereo.range_mapping import KnownTable, range_map_from_pair
+    from unwrinkle.perception.stereo.range_mapping import range_map_from_pair
 
     assert options.head is not None
     look, calibration = load_look(options.head)
     pair = load_pair(*options.files)
-    x, y, height = (float(value) for value in cell.table_centre)
-    width, depth = cell.scenario.table.size
     return range_map_from_pair(
         pair,
         calibration.stereo_head(cell.limits.head),
         look.gaze,
-        table=KnownTable((x, y), (width, depth), height),
+        table=cell.table,
         profile=profile,
         seed=options.seed,
     )
