@@ -162,7 +162,7 @@ class PathMaker:
         contact = CollisionModel(cell, contact=True)
         self._search = MotionSearch(cell, self._settings, self._kinematics, contact)
         self._transits = TransitPlanner(
-            cell.limits,
+            cell,
             CollisionModel(cell, contact=False),
             self._settings.transit_budget,
             self._settings.seed,

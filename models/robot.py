@@ -27,8 +27,6 @@ from unwrinkle.models.model_files import files_named_by
 from unwrinkle.models.scenario import Scenario, load_scenario, resolve
 from unwrinkle.models.table import Table
 
-ROBOT_INSTANCES = ("turntable", "r1", "r2", "r1_gripper", "r2_gripper", "left_ptu", "right_ptu")
-
 
 @dataclass
 class DenavitHartenberg:
@@ -41,8 +39,21 @@ class DenavitHartenberg:
 
 
 @dataclass
+class ArmDescription:
+    """One arm with its gripper."""
+
+    # As plans, messages and files call it.
+    name: str = ""
+    # Model instances of the arm and of its gripper.
+    model: str = ""
+    gripper: str = ""
+    # Indices of its axes in `RobotDescription.axes`, from the base to the flange.
+    axes: list[int] = field(default_factory=list)
+
+
+@dataclass
 class RobotDescription:
-    """Schema of robot.yaml."""
+    """Schema of robot.yaml; lengths in m, angles in rad."""
 
     name: str = ""
     axes: list[str] = field(default_factory=list)
@@ -57,8 +68,27 @@ class RobotDescription:
     tool_offset: float = math.nan
     tool_yaw: float = math.nan
     tcp_offset: float = math.nan
-    groups: dict[str, list[int]] = field(default_factory=dict)
+    turntable_axis: int = -1
+    arms: list[ArmDescription] = field(default_factory=list)
+    # Links with a clearance of their own from the working table, by name within a gripper's model instance.
+    palm: str = ""
+    fingers: list[str] = field(default_factory=list)
+    # Pairs of links (scoped names) that are near in every posture and need no clearance.
+    adjacent: list[list[str]] = field(default_factory=list)
     named_states: dict[str, list[float]] = field(default_factory=dict)
+
+    @property
+    def instances(self) -> list[str]:
+        """Model instances that the robot consists of."""
+        joints = [*self.axes, *self.grippers, *self.head]
+        return list(dict.fromkeys(scoped(name)[0] for name in joints))
+
+    def arm_of(self, instance: str) -> int | None:
+        """Index of the arm that a model instance belongs to; None if it belongs to no arm or gripper."""
+        for i, arm in enumerate(self.arms):
+            if instance in (arm.model, arm.gripper):
+                return i
+        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +126,9 @@ class Cell:
                 for item in (directive.add_model, directive.add_directives):
                     if item is not None:
                         waiting.append(Path(packages.ResolveUrl(item.file)))
-        for setting in (self.scenario.gaze, self.scenario.gripper, self.scenario.clearance):
-            digest.update(repr(setting).encode())
-        digest.update(repr(self.scenario.table).encode())
+        settings = dc.asdict(self.scenario)
+        for key in ("gaze", "gripper", "clearance", "table"):
+            digest.update(repr(settings[key]).encode())
         return digest.hexdigest()
 
     @cached_property
@@ -155,13 +185,38 @@ def load_cell(scenario: Scenario | None = None) -> Cell:
     """
     scenario = load_scenario() if scenario is None else scenario
     robot = load_yaml(resolve(scenario.robot), RobotDescription)
-    if len(robot.axes) != 13 or len(robot.denavit_hartenberg) != 6:
-        raise InputError(f"{scenario.robot}: needs 13 axes and 6 Denavit-Hartenberg rows")
+    _check_robot(robot, scenario.robot)
     numbers = [getattr(robot, f.name) for f in dc.fields(robot) if f.type is float]
     numbers += [value for row in robot.denavit_hartenberg for value in dc.astuple(row)]
     if not np.all(np.isfinite(numbers)):
         raise InputError(f"{scenario.robot}: a kinematic length or angle is missing")
     return Cell(scenario, robot, load_limits(resolve(scenario.limits)).scaled(scenario.speed))
+
+
+def _check_robot(robot: RobotDescription, where: str) -> None:
+    """Refuse a description whose axes and links have no complete set of roles.
+
+    Raises:
+        InputError: which role is missing or given twice.
+    """
+    if len(robot.axes) != 13 or len(robot.denavit_hartenberg) != 6:
+        raise InputError(f"{where}: needs 13 axes and 6 Denavit-Hartenberg rows")
+    used = [robot.turntable_axis, *(i for arm in robot.arms for i in arm.axes)]
+    if len(robot.arms) != 2 or any(len(arm.axes) != 6 for arm in robot.arms):
+        raise InputError(f"{where}: needs two arms, right and left, with 6 axes each")
+    if sorted(used) != list(range(len(robot.axes))):
+        raise InputError(
+            f"{where}: turntable_axis and the arms' axes must name every index of `axes` once, got {used}"
+        )
+    for arm in robot.arms:
+        if not (arm.name and arm.model and arm.gripper):
+            raise InputError(f"{where}: an arm needs name, model and gripper, got {arm}")
+    if not robot.palm or not robot.fingers or robot.palm in robot.fingers:
+        raise InputError(
+            f"{where}: needs the links `palm` and `fingers` of a gripper, none of them twice"
+        )
+    if any(len(set(pair)) != 2 for pair in robot.adjacent):
+        raise InputError(f"{where}: an entry of `adjacent` needs the names of two links")
 
 
 def configure_parser(parser: Parser) -> None:

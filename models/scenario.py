@@ -21,7 +21,7 @@ TURNTABLES = ("free", "fixed")
 
 
 @dc.dataclass
-class WorkingTable:
+class TableSettings:
     """The table that garments lie on."""
 
     # Scoped name of the frame at the centre of its top surface, z up.
@@ -157,7 +157,7 @@ class Scenario:
     robot: str = "package://unwrinkle_models/robot.yaml"
     limits: str = "package://unwrinkle_models/limits.yaml"
     speed: float = 1.0
-    table: WorkingTable = dc.field(default_factory=WorkingTable)
+    table: TableSettings = dc.field(default_factory=TableSettings)
     garment_centre: list[float] = dc.field(default_factory=lambda: [0.0, -1.10])
     gaze: list[float] = dc.field(default_factory=lambda: [0.0, -0.19])
     gripper: GripperSettings = dc.field(default_factory=GripperSettings)

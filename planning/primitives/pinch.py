@@ -149,11 +149,12 @@ class PinchPlanner:
         self._kinematics = Kinematics(cell)
         self._contact = CollisionModel(cell, contact=True)
         self._transits = TransitPlanner(
-            cell.limits,
+            cell,
             CollisionModel(cell, contact=False),
             self.settings.transit_budget,
             self.settings.seed,
         )
+        self._robot = cell.robot
         self._home = np.array(cell.robot.named_states["home"], dtype=float)
 
     def tip_height(self, crest: float) -> float:
@@ -285,7 +286,7 @@ class PinchPlanner:
         paths = []
         for q in follow_branches(solution.q, solution.within, lower, upper):
             path = np.tile(self._home, (len(q), 1))
-            path[:, 0] = turntable
-            path[:, 1 + 6 * arm : 7 + 6 * arm] = q
+            path[:, self._robot.turntable_axis] = turntable
+            path[:, self._robot.arms[arm].axes] = q
             paths.append(path)
         return paths

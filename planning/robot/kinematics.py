@@ -1,8 +1,8 @@
 """Forward and inverse kinematics of the two arms on the turn-table, batched in numpy.
 
-The MA1400's wrist is not spherical: 30 mm lie between its B and T axes, so the usual closed form for a spherical wrist does not
-hold. For a given angle of the last axis the wrist centre is known and the first three axes follow in closed form; what is left
-is one scalar equation in that angle, solved for every branch of every pose at once.
+The MA1400's wrist is not spherical: its B and T axes are 30 mm apart, so the closed form for a spherical wrist does not apply.
+For a given angle of the last axis the wrist centre is known and the first three axes follow in closed form. One scalar equation
+in that angle remains; it is solved for every branch of every pose at once.
 
 Notation: W world, B an arm's base (link_1), F its flange (tip_link), E the tool (ee), T the tool centre point (tcp).
 """
@@ -49,8 +49,8 @@ class Kinematics:
         self._forearm = float(np.hypot(self._a[2], self._d[3]))
         self._forearm_angle = float(np.arctan2(self._d[3], self._a[2]))
         self._robot = robot
-        self.lower = cell.limits.lower[1:7]
-        self.upper = cell.limits.upper[1:7]
+        self.lower = cell.limits.lower[robot.arms[0].axes]
+        self.upper = cell.limits.upper[robot.arms[0].axes]
         X_FE = np.eye(4)
         c, s = np.cos(robot.tool_yaw), np.sin(robot.tool_yaw)
         X_FE[:2, :2] = [[c, -s], [s, c]]
@@ -107,11 +107,22 @@ class Kinematics:
         return self.base(arm, turntable) @ self.flange(q) @ self._X_FT
 
     def tcp_positions(self, q: Array) -> Array:
-        """p_WT (..., 2, 3) of both arms, m, at thirteen-axis configurations (..., 13)."""
+        """Return p_WT (..., 2, 3) of both arms, m, at configurations (..., axes) of the robot, rad."""
         q = np.asarray(q)
-        right = self.tcp(0, q[..., 0], q[..., 1:7])[..., :3, 3]
-        left = self.tcp(1, q[..., 0], q[..., 7:13])[..., :3, 3]
-        return np.stack([right, left], axis=-2)
+        turntable = q[..., self._robot.turntable_axis]
+        tips = [
+            self.tcp(i, turntable, q[..., arm.axes])[..., :3, 3]
+            for i, arm in enumerate(self._robot.arms)
+        ]
+        return np.stack(tips, axis=-2)
+
+    def configurations(self, turntable: float, right: Array, left: Array) -> Array:
+        """Join the axis angles (N, 6) of both arms and the turn-table's angle to configurations (N, axes), rad."""
+        q = np.empty((len(right), len(self._robot.axes)))
+        q[:, self._robot.turntable_axis] = turntable
+        for arm, angles in zip(self._robot.arms, (right, left), strict=True):
+            q[:, arm.axes] = angles
+        return q
 
     # ------------------------------------------------------------------ reach
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.arrays import Array
+from unwrinkle.models.limits import ARM_AXES
 from unwrinkle.perception.target import FlatteningTarget, HandTarget
 from unwrinkle.planning.robot.kinematics import InverseSolution, Kinematics
 from unwrinkle.planning.search.key_poses import (
@@ -24,7 +25,6 @@ from unwrinkle.planning.search.settings import Stage
 _JUMP = 0.35  # rad between neighbouring points of a path, beyond which a branch is not followed
 _BATCH = 48  # candidates whose key poses are solved in one call
 _TUBES = 2  # best branches that are kept
-_AXES = "SLURBT"
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ class HandPaths:
         excess = np.maximum(self._kinematics.lower - q, q - self._kinematics.upper)
         least = np.where(found, excess.max(-1), np.inf).argmin(-1)
         for axis in excess[np.arange(len(q)), least].argmax(-1):
-            name = _AXES[axis]
+            name = ARM_AXES[axis].upper()
             self._log.limit_axes[name] = self._log.limit_axes.get(name, 0) + 1
 
     def tubes(self, candidate: HandCandidate, counts: Sequence[int]) -> list[list[Array]]:

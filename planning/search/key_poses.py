@@ -15,9 +15,6 @@ from unwrinkle.planning.search.settings import MotionShape
 
 POSES = ("plan", "touch-table", "grasp", "pull", "put-on-table", "free-garment", "leave-table")
 PIECES = (("approach", 0, 2), ("pull", 2, 4), ("release", 4, 6))
-#: Fraction of the pull at which the pull pose stands. The rest of it happens on the way down: a pull that is done while the cloth is
-#: still lifted lets it go slack again on the table.
-_PULL_FRACTION = 0.5
 #: A rounded corner passes the corner at this times its radius times the change of direction.
 _CUT_OFF = 0.15625
 #: Steps of the iteration that moves a corner out until its rounding meets the pose; each leaves about a fifth.
@@ -53,7 +50,7 @@ def seven_positions(hand: HandTarget, freedom: Freedom, shape: MotionShape) -> A
             down - (shape.touch_distance + shape.back_off) * u + up,
             down - shape.touch_distance * u,
             down,
-            down + _PULL_FRACTION * pull * f + [0.0, 0.0, shape.lift],
+            down + shape.pull_fraction * pull * f + [0.0, 0.0, shape.lift],
             put,
             put - shape.free_distance * u,
             put - shape.leave_distance * u + up,

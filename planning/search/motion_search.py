@@ -71,6 +71,7 @@ class MotionSearch:
         self._settings, self._kinematics, self._collision = settings, kinematics, contact
         gripper = cell.scenario.gripper
         self._window = (gripper.tilt_lower, gripper.tilt_upper)
+        self._arms = cell.robot.arms
         self._home = np.array(cell.robot.named_states["home"], dtype=float)
 
     def dual(
@@ -142,7 +143,7 @@ class MotionSearch:
         for right, left in itertools.product(*tubes):
             log.pairs += 1
             joined = [
-                np.column_stack([np.full(len(a), serving[0].turntable), a, b])
+                self._kinematics.configurations(serving[0].turntable, a, b)
                 for a, b in zip(right, left, strict=True)
             ]
             if self._free(joined, log):
@@ -151,7 +152,7 @@ class MotionSearch:
         return None
 
     def _resting(self, arm: int, counts: list[int]) -> list[Array]:
-        q = self._home[1 + 6 * arm : 7 + 6 * arm]
+        q = self._home[self._arms[arm].axes]
         return [np.repeat(q[None], count + 1, axis=0) for count in counts]
 
     def _free(self, paths: list[Array], log: SearchLog) -> bool:

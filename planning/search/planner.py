@@ -85,11 +85,12 @@ class FlatteningPlanner:
         self._free = CollisionModel(cell, contact=False)
         self._fixed = cell.scenario.planner.turntable == "fixed"
         self._transits = TransitPlanner(
-            cell.limits,
+            cell,
             self._free,
             self._settings.transit_budget,
             self._settings.seed,
             fixed_turntable=self._fixed,
+            settings=self._settings.transit,
         )
         self._home = np.array(cell.robot.named_states["home"], dtype=float)
 
@@ -141,7 +142,7 @@ class FlatteningPlanner:
             timings.timing += attempt.times.timing
             timings.approval += attempt.times.approval
             if attempt.result is None:
-                failure = failure or attempt.failure(kind) or explain(kind, log, target)
+                failure = failure or attempt.failure(kind) or explain(kind, log, target, self._cell)
                 continue
             timings.transit_kinds = tuple(way.kind for way in attempt.result.transits)
             _log.info(

@@ -23,10 +23,6 @@ from unwrinkle.models.robot import Cell, build_robot_diagram, position_indices, 
 from unwrinkle.planning.verification.motion import JOINTS
 from unwrinkle.planning.verification.shapes import box_corners, outlines
 
-ARMS = (("r1", "r1_gripper"), ("r2", "r2_gripper"))
-FINGERS = ("lower_finger", "upper_finger")
-ARM_AXES = ((0, 1, 2, 3, 4, 5, 6), (0, 7, 8, 9, 10, 11, 12))
-
 
 @dataclass(frozen=True)
 class BodyPair:
@@ -60,6 +56,7 @@ class CellModel:
         pair_of: (G,) their bodies' index in `pairs`.
         reach: (G,) sum of the radii of spheres around both, m.
         table_height: of the working table, m.
+        tool_chains: per arm the joints (columns of a leg) that move its tool centre point, from the world outwards.
         chains: per moving body the joints (columns of a leg) that move it, from the world outwards.
         corners: per moving body (8, 3) corners of a box around its shapes, in the child frame of its last joint.
     """
@@ -84,13 +81,15 @@ class CellModel:
         ]
         self.prismatic = [isinstance(joint, PrismaticJoint) for joint in self._joints]
         self._tips = [
-            self._plant.GetFrameByName("tcp", self._plant.GetModelInstanceByName(gripper))
-            for _, gripper in ARMS
+            self._plant.GetFrameByName("tcp", self._plant.GetModelInstanceByName(arm.gripper))
+            for arm in cell.robot.arms
         ]
         self._table = self._table_frame()
         self._X_WS = self._table.CalcPoseInWorld(self._context).GetAsMatrix4()
         self.table_height = float(self._X_WS[2, 3])
         self._find_bodies()
+        self._check_roles()
+        self.tool_chains = [self._chain[_name(frame.body())] for frame in self._tips]
         self.pairs: list[BodyPair] = []
         self._find_pairs()
 
@@ -208,6 +207,33 @@ class CellModel:
     def _indices(self, body: RigidBody) -> list[int]:
         return [self.shapes.ids.index(i) for i in self._shapes(body)]
 
+    def _check_roles(self) -> None:
+        """Refuse roles that would silently change a required clearance.
+
+        Raises:
+            InputError: a link that the models do not have, or an adjacent pair with more than one joint between.
+        """
+        robot = self.cell.robot
+        wanted = [name for pair in robot.adjacent for name in pair]
+        for arm in robot.arms:
+            wanted += [f"{arm.gripper}::{link}" for link in (robot.palm, *robot.fingers)]
+        for name in wanted:
+            if name not in self._chain:
+                raise InputError(
+                    f"the cell's models have no link '{name}', to which the robot's description gives a role"
+                )
+        near = set()
+        for joint in self._joints:
+            for body in self._plant.GetBodiesWeldedTo(joint.parent_body()):
+                if self._chain[_name(body)]:
+                    near.add(frozenset((_name(body), _name(joint.child_body()))))
+        for pair in robot.adjacent:
+            if frozenset(pair) not in near:
+                raise InputError(
+                    f"the robot's description exempts {' and '.join(pair)} from a clearance; only a link and what carries "
+                    "its joint may be exempt"
+                )
+
     def _corners(self, shapes: list[int]) -> Array:
         points = [
             self.shapes.corners(i) @ self._X_JS[i, :3, :3].T + self._X_JS[i, :3, 3] for i in shapes
@@ -250,26 +276,29 @@ class CellModel:
         bodies = [self.moving.index(name) if self._chain[name] else -1 for name in (a, b)]
         return BodyPair((a, b), (bodies[0], bodies[1]), shared, kind, required, arm)
 
+    def _side(self, name: str) -> int:
+        """0 for the right arm with its gripper, 1 for the left, -1 for neither."""
+        arm = self.cell.robot.arm_of(scoped(name)[0])
+        return -1 if arm is None else arm
+
     def _kind(self, a: str, b: str) -> tuple[str, float, int]:
         clearance = self.cell.scenario.clearance
-        sides = _side(a), _side(b)
+        robot = self.cell.robot
+        sides = self._side(a), self._side(b)
         table = _name(self._table.body())
         if sides[0] >= 0 and sides[1] >= 0:
             if sides[0] != sides[1]:
                 return "arm-arm", clearance.arm_arm, -1
-            fingers = _element(a) in FINGERS and _element(b) in FINGERS
+            fingers = _element(a) in robot.fingers and _element(b) in robot.fingers
             return ("fingers" if fingers else "self"), 0.0, -1
         if table in (a, b) and max(sides) >= 0:
             body = _element(b if a == table else a)
-            if body in FINGERS:
+            if body in robot.fingers:
                 return "finger-table", clearance.finger_table, max(sides)
-            if body == "palm":
+            if body == robot.palm:
                 return "palm-table", clearance.palm_table, -1
             return "arm-table", clearance.arm_table, -1
-        # The shoulder turns on a base that is bolted to the carrier: neighbours but for that weld, near in every
-        # position of the axis by construction.
-        carrier = _name(self._joints[0].child_body())
-        if carrier in (a, b) and any(name.endswith("::link_2") for name in (a, b)):
+        if any({a, b} == set(pair) for pair in robot.adjacent):
             return "adjacent", 0.0, -1
         return "surroundings", clearance.surroundings, -1
 
@@ -280,9 +309,3 @@ def _name(body: RigidBody) -> str:
 
 def _element(name: str) -> str:
     return scoped(name)[1]
-
-
-def _side(name: str) -> int:
-    """0 for the right arm with its gripper, 1 for the left, -1 for neither."""
-    instance = scoped(name)[0]
-    return next((i for i, instances in enumerate(ARMS) if instance in instances), -1)

@@ -13,7 +13,7 @@ import numpy as np
 
 from unwrinkle.models.arrays import Array, Mask
 from unwrinkle.perception.target import HandTarget
-from unwrinkle.planning.verification.model import ARM_AXES, CellModel
+from unwrinkle.planning.verification.model import CellModel
 from unwrinkle.planning.verification.motion import Leg
 from unwrinkle.planning.verification.speed_bounds import derivative_bounds, distances_to_axes
 from unwrinkle.planning.verification.verdict import Findings
@@ -84,7 +84,7 @@ def tool_motion(model: CellModel, leg: Leg, X_WJ: Array, X_WT: Array, arm: int) 
         X_WT: (n, 4, 4) of the arm's tool centre point there.
         arm: 0 right, 1 left.
     """
-    chain = ARM_AXES[arm]
+    chain = model.tool_chains[arm]
     columns = list(chain)
     directions = model.axis_directions()
     p_WT = X_WT[:, :3, 3]

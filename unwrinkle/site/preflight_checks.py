@@ -19,7 +19,6 @@ from unwrinkle.perception.stereo.head_file import (
     nominal_calibration,
 )
 from unwrinkle.planning.plan import FlatteningPlan
-from unwrinkle.planning.verification.model import ARM_AXES
 from unwrinkle.planning.verification.motion import legs
 from unwrinkle.planning.verification.verdict import MEANT, Verdict
 from unwrinkle.planning.verification.verifier import cell_model
@@ -102,7 +101,7 @@ def tip_speed(plan: FlatteningPlan, cell: Cell) -> float:
     directions = model.axis_directions()
     for leg in legs(plan, cell.scenario.gripper.opening):
         X_WJ, X_WT = model.frames(leg.positions)
-        for arm, chain in enumerate(ARM_AXES):
+        for arm, chain in enumerate(model.tool_chains):
             p_WT = X_WT[:, arm, :3, 3]
             v = np.zeros_like(p_WT)
             for joint in chain:
