@@ -15,7 +15,7 @@ session = begin(Choices(start="ridge", seed=1, scale=0.25, actions=4), None, fol
 ending = session.run()
 print(f"{ending.status}: {ending.reason}")
 
-# The folder holds everything that was seen, planned, proven and done; report.html and replay.html show it.
+# The folder holds everything that was seen, planned, verified and done; report.html and replay.html show it.
 for look in session.folder.looks():
     action = look.action()
     truth = action.truth_before or {}

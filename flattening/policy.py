@@ -336,7 +336,7 @@ def decide(sight: Sight, memory: Memory, rules: LoopSettings) -> Pull | Stop:
 
 
 def unplannable(memory: Memory, pull: Pull, reason: str) -> Memory:
-    """Remember that there is no safe motion for a wrinkle."""
+    """Remember that there is no verified motion for a wrinkle."""
     return _aside(memory, pull.wrinkle.centre, pull.wrinkle.angle, pull.arms, reason)
 
 

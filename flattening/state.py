@@ -96,7 +96,7 @@ class Step(Shared):
 
 @dataclass(frozen=True)
 class Refusal(Shared):
-    """A wrinkle for which there was no safe motion.
+    """A wrinkle for which there was no verified motion.
 
     Attributes:
         wrinkle: index in the analysis.
@@ -138,7 +138,7 @@ class Action(Shared):
         sight: what counts of it.
         pull: what was decided to pull; None where nothing.
         stop: why nothing was pulled; None where something was.
-        refusals: wrinkles before it for which there was no safe motion.
+        refusals: wrinkles before it for which there was no verified motion.
         planned: the plan.
         verified: its verdict.
         steps: what was carried out.

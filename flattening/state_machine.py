@@ -158,7 +158,7 @@ class Procedure:
                 reason = f"the verdict is of plan {was}, not of {content[:12]}; nothing was sent"
                 return fault(now, reason, feedback)
         if not verified.verdict.passed:
-            reason = f"not safe: {verified.verdict.violations[0].message}"
+            reason = f"not verified: {verified.verdict.violations[0].message}"
             return self._refused(now, feedback, reason)
         off = float(np.abs(feedback.positions() - plan.segments[0].trajectory.positions[0]).max())
         if off > self._settings.start:
@@ -185,7 +185,7 @@ class Procedure:
         return finished(now, memory, action.outcome or "done", action.reason, feedback)
 
     def _refused(self, now: Situation, feedback: Feedback, reason: str) -> Situation:
-        """Leave a wrinkle without a safe motion aside, and decide again."""
+        """Leave a wrinkle without a verified motion aside, and decide again."""
         pull = now.action.pull
         assert pull is not None
         _log.info("wrinkle %d, %s: %s", pull.wrinkle.index + 1, pull.arms, reason)

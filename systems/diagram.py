@@ -86,7 +86,7 @@ def build_flattening_diagram(
         settings: of the supervisor.
         planner: settings of the planner.
         memory: of a run that goes on.
-        approve: asked about each plan that is safe; None approves.
+        approve: asked about each verified plan; None approves.
         seed: of perception's random choices.
 
     Raises:

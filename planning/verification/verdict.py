@@ -203,19 +203,21 @@ class Verdict:
         ]
 
     def summary(self) -> str:
-        """One or two sentences: pass or not, and the smallest clearance."""
+        """Return one sentence: whether the plan is verified, and the smallest clearance."""
         pair = self.smallest
         near = f"no two bodies nearer than {1e3 * self.elsewhere:.0f} mm"
         if pair is not None:
             near = (
                 f"smallest clearance {1e3 * pair.distance:.1f} mm between {' and '.join(pair.bodies)} at "
-                f"{pair.time:.3f} s (required {1e3 * pair.required:.0f} mm, proven never below "
+                f"{pair.time:.3f} s (required {1e3 * pair.required:.0f} mm, at any time at least "
                 f"{1e3 * pair.bound:.1f} mm)"
             )
         if self.queries == 0 and not self.passed:
-            near = "distances were not computed, since what comes before is broken"
+            near = "distances were not computed, because an earlier check failed"
         count = len(self.violations)
-        state = "safe" if self.passed else f"NOT safe: {count} violation{'s' if count > 1 else ''}"
+        state = "verified against the model of the cell"
+        if not self.passed:
+            state = f"NOT verified: {count} violation{'s' if count > 1 else ''}"
         return f"plan {self.plan_hash[:12]} is {state}; {near}"
 
 

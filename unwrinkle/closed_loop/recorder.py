@@ -81,7 +81,7 @@ class Recorder:
             text = now.reason
         elif now.mode == states.DECIDE and len(action.refusals) > len(before.action.refusals):
             refusal = action.refusals[-1]
-            text = f"no safe motion for wrinkle {refusal.wrinkle + 1}: {refusal.reason}"
+            text = f"no verified motion for wrinkle {refusal.wrinkle + 1}: {refusal.reason}"
         elif now.mode == states.PLAN and action.pull is not None:
             text = f"wrinkle {action.pull.wrinkle.index + 1}, {action.pull.arms}"
         elif now.steps and now.mode in _AT_WORK:

@@ -115,7 +115,7 @@ def _planned(
     """A verified plan for the largest wrinkle that has one; None if the garment is flat.
 
     Raises:
-        NoSafePlanError: there are wrinkles to flatten, and no safe motion for any.
+        NoSafePlanError: there are wrinkles to flatten, and no verified motion for any.
     """
     from unwrinkle.flattening.verified_planning import plan_verified
     from unwrinkle.perception.target import NoTarget
@@ -142,7 +142,7 @@ def _planned(
             return index, result, found.verdict
         message = result.failure.message if result.failure is not None else "no motion"
         reasons.append(f"wrinkle {index + 1}: {message}")
-    raise NoSafePlanError("no safe plan: " + "; ".join(reasons))
+    raise NoSafePlanError("no verified plan: " + "; ".join(reasons))
 
 
 def _save_plan(
