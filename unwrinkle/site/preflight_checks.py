@@ -20,7 +20,7 @@ from unwrinkle.perception.stereo.head_file import (
 )
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification.motion import legs
-from unwrinkle.planning.verification.verdict import MEANT, Verdict
+from unwrinkle.planning.verification.verdict import NEAR_BY_DESIGN, Verdict
 from unwrinkle.planning.verification.verifier import cell_model
 
 #: Of the tool centre points under commissioning, m/s: the reduced speed of manual operation.
@@ -121,7 +121,7 @@ def check_margins(verdict: Verdict, cell: Cell, site: Site) -> str:
     used = asdict(cell.scenario.clearance)
     for pair in verdict.clearances:
         kind = pair.kind.replace("-", "_")
-        if pair.kind in MEANT or kind not in doubled:
+        if pair.kind in NEAR_BY_DESIGN or kind not in doubled:
             continue
         wanted = max(doubled[kind], used[kind])
         if pair.distance < wanted:
