@@ -1,4 +1,4 @@
-"""The robot's description as numbers, and its cell as a Drake plant."""
+"""Numeric description of the robot, and its cell as a Drake plant."""
 
 import dataclasses as dc
 import hashlib
@@ -93,12 +93,12 @@ class RobotDescription:
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """A scenario with what it names: the robot's description, its limits, and the model files' hash.
+    """A scenario with the robot's description and limits that it names, and the hash of the model files.
 
     Attributes:
-        scenario: the scenario's settings.
-        robot: numbers of the robot.
-        limits: limits of the thirteen axes at the scenario's speed fraction.
+        scenario: settings of the scenario.
+        robot: description of the robot.
+        limits: of the robot's axes, at the scenario's speed fraction.
     """
 
     scenario: Scenario
@@ -107,7 +107,7 @@ class Cell:
 
     @cached_property
     def robot_hash(self) -> str:
-        """SHA-256 (hex) over every file and setting that decides where the robot's and the cell's bodies are, meshes included.
+        """SHA-256 (hex) over every file and setting that determines the bodies and clearances of the cell, meshes included.
 
         Raises:
             InputError: a file that another one names is missing.
@@ -117,7 +117,7 @@ class Cell:
         packages = PackageMap()
         packages.AddPackageXml(str(models_dir() / "package.xml"))
         waiting = [resolve(uri) for uri in self.scenario.directives]
-        for path in waiting:  # grows by the files that directives and models name
+        for path in waiting:  # the loop appends the files that directives and models name
             digest.update(path.read_bytes())
             if path.suffix != ".yaml":
                 waiting += files_named_by(path, packages.ResolveUrl)
@@ -159,7 +159,7 @@ class Cell:
         return Table((x, y), (across, along), height)
 
     def beyond_table(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How far places lie beyond the nearest edge line of the working table, m; negative on it.
+        """Compute how far places lie beyond the nearest edge of the working table, m; negative on it.
 
         Args:
             places: (..., 2) in the world, m.
@@ -173,15 +173,18 @@ class Cell:
         return np.asarray(beyond.max(axis=-1))
 
     def with_speed(self, fraction: float) -> "Cell":
-        """The same cell, with plans at another fraction of the catalogue velocity, acceleration, jerk."""
+        """Load the same cell with another fraction of the catalogue velocity, acceleration and jerk."""
         return load_cell(dc.replace(self.scenario, speed=fraction))
 
 
 def load_cell(scenario: Scenario | None = None) -> Cell:
-    """Load what a scenario names.
+    """Load the cell of a scenario.
+
+    Args:
+        scenario: None for the shipped one.
 
     Raises:
-        InputError: a file is missing or has an unknown key.
+        InputError: a file is missing, has an unknown key, or lacks a number or a role.
     """
     scenario = load_scenario() if scenario is None else scenario
     robot = load_yaml(resolve(scenario.robot), RobotDescription)
@@ -220,7 +223,7 @@ def _check_robot(robot: RobotDescription, where: str) -> None:
 
 
 def configure_parser(parser: Parser) -> None:
-    """Let a Drake parser find `package://unwrinkle_models/...`."""
+    """Register `package://unwrinkle_models/...` with a Drake parser."""
     parser.package_map().AddPackageXml(str(models_dir() / "package.xml"))
 
 
@@ -256,10 +259,10 @@ def add_cell(cell: Cell, plant: MultibodyPlant, parser: Parser) -> None:
 
 
 def _directives(path: Path) -> list[ModelDirective]:
-    """The directives of a file.
+    """Load the model directives of a file.
 
     Raises:
-        InputError: it is not of that form.
+        InputError: the file is no model directives file.
     """
     try:
         return list(LoadModelDirectives(str(path)).directives)
@@ -268,14 +271,14 @@ def _directives(path: Path) -> list[ModelDirective]:
 
 
 def build_robot_diagram(cell: Cell) -> RobotDiagram:
-    """The cell as a diagram of plant and scene graph, ready for collision checking or display."""
+    """Build the cell as a diagram of plant and scene graph, for collision checking or display."""
     builder = RobotDiagramBuilder(time_step=0.0)
     add_cell(cell, builder.plant(), builder.parser())
     return builder.Build()
 
 
 def scoped(name: str) -> tuple[str, str]:
-    """Model instance and element of a scoped name, `r1::joint_s` -> ('r1', 'joint_s')."""
+    """Split a scoped name into model instance and element, `r1::joint_s` -> ('r1', 'joint_s')."""
     instance, _, element = name.rpartition("::")
     return instance, element
 
@@ -290,10 +293,10 @@ def _joint(plant: MultibodyPlant, name: str):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True, eq=False)
 class PositionIndices:
-    """Where the robot's joints stand in a plant's position vector.
+    """Indices of the robot's joints in a plant's position vector.
 
     Attributes:
-        axes: (13,) turn-table, right arm, left arm.
+        axes: (axes,) in the order of `RobotDescription.axes`.
         grippers: (2,) right, left.
         head: (4,) left pan, left tilt, right pan, right tilt.
     """
@@ -304,7 +307,7 @@ class PositionIndices:
 
 
 def position_indices(cell: Cell, plant: MultibodyPlant) -> PositionIndices:
-    """Indices of the robot's joints in a finalized plant of the cell."""
+    """Look up the indices of the robot's joints in a finalized plant of the cell."""
 
     def indices(names: list[str]) -> NDArray[np.intp]:
         return np.array([_joint(plant, name).position_start() for name in names], dtype=np.intp)
@@ -314,5 +317,5 @@ def position_indices(cell: Cell, plant: MultibodyPlant) -> PositionIndices:
 
 
 def model_file(name: str) -> Path:
-    """Path of a model file that the package ships."""
+    """Return the path of a model file that the package ships."""
     return resolve(f"package://unwrinkle_models/{name}")
