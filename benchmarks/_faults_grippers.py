@@ -8,7 +8,7 @@ from unwrinkle.benchmarks import _faults_cells as cells
 from unwrinkle.benchmarks._fault_rows import Case, Row
 from unwrinkle.benchmarks._faults_live import Execution, LiveController
 from unwrinkle.benchmarks._faults_station import Script, depth_cell, run_loop, towel_capture
-from unwrinkle.flattening import state
+from unwrinkle.flattening.state import RunStatus
 from unwrinkle.hardware.run_log.reader import read_run_log
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.scenario import LoopSettings
@@ -50,7 +50,7 @@ def _loses_cloth(case: Case) -> None:
     run = run_loop(script, cell=load_cell(dc.replace(scenario, loop=rules)))
     misses = sum(outcome == "missed" for outcome, _ in run.outcomes)
     case.expect(misses == attempts, "the attempts are bounded", misses)
-    case.expect(run.end.status == state.STOPPED, "then the loop stops", run.end.status)
+    case.expect(run.end.status == RunStatus.STOPPED, "then the loop stops", run.end.status)
     case.expect("pull" not in run.sent, "nothing is pulled without cloth", run.sent)
     case.expect(np.allclose(run.stands, run.start), "the arms are back where they began")
     case.reads(run.end.reason, "missed")
@@ -71,7 +71,7 @@ def _not_heard(case: Case) -> None:
     script = _looks(99)
     script.deaf = frozenset(range(1, 9))
     run = run_loop(script)
-    case.expect(run.end.status == state.FAULTED, "the fault latches", run.end.status)
+    case.expect(run.end.status == RunStatus.FAULTED, "the fault latches", run.end.status)
     case.expect(
         run.sent in (("approach",), ("approach", "hold")),
         "no motion follows a stroke that was not answered",

@@ -16,7 +16,7 @@ from unwrinkle.models.arrays import Image
 from unwrinkle.perception.stereo.head import Gaze, StereoHead
 from unwrinkle.perception.stereo.head_file import nominal_calibration
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
-from unwrinkle.systems.perception.stereo import StereoPerception
+from unwrinkle.systems.perception.stereo import StereoPerceptionSystem
 
 _SCALE = 0.25
 _TEXEL, _TEXELS = 0.0012, 1600
@@ -85,7 +85,7 @@ def _traced(
 def perceive(left: HeadImage, right: HeadImage) -> Perceived:
     """What the perception system makes of two pictures."""
     head = nominal_calibration().stereo_head(cells.cell().limits.head)
-    system = StereoPerception(cells.cell(), head)
+    system = StereoPerceptionSystem(cells.cell(), head)
     context = system.CreateDefaultContext()
     for name, image in (("left_image", left), ("right_image", right)):
         system.GetInputPort(name).FixValue(context, Value(image))

@@ -8,7 +8,7 @@ from unwrinkle.benchmarks import _faults_cells as cells
 from unwrinkle.benchmarks._fault_rows import Case, Row
 from unwrinkle.benchmarks._faults_station import LoopRun, Script, run_loop, towel_capture
 from unwrinkle.benchmarks._plan_tasks import flattening_task
-from unwrinkle.flattening import state
+from unwrinkle.flattening.state import RunStatus
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError, NoSafePlanError
 from unwrinkle.models.robot import load_cell
@@ -58,14 +58,14 @@ def infeasible(case: Case) -> None:
         "one arm does it instead",
         run.sent,
     )
-    case.expect(run.end.status == state.FLAT, "and the loop ends flat", run.end.status)
+    case.expect(run.end.status == RunStatus.FLAT, "and the loop ends flat", run.end.status)
 
     run = _far_towel(case, -2.6)
     arms = [item.arms for item in run.end.action.refusals]
     case.expect(
         arms == ["dual", "single"], "where neither can, both refusals are counted, one each", arms
     )
-    case.expect(run.end.status == state.STOPPED, "then the loop stops", run.end.status)
+    case.expect(run.end.status == RunStatus.STOPPED, "then the loop stops", run.end.status)
     case.expect(run.sent == (), "nothing was sent", run.sent)
     case.expect(np.array_equal(run.stands, run.start), "the arms stand where they stood")
     case.reads(run.end.reason, "no motion for any", "dual", "single")
@@ -170,7 +170,7 @@ def bad_start(case: Case) -> None:
         verdict = verify(cells.plan(), cells.cell(), start=start)
         case.expect(
             "start" in {item.kind for item in verdict.violations},
-            f"{name}: a plan from elsewhere is not safe",
+            f"{name}: a plan from elsewhere is not verified",
             verdict.summary(),
         )
 

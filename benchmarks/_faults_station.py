@@ -12,16 +12,17 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, Diagram, LeafSystem, State
 
 from unwrinkle.flattening import station_messages
-from unwrinkle.flattening.state import Situation
+from unwrinkle.flattening.state import SupervisorState
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import load_scenario
+from unwrinkle.models.shared import Shared
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.perception.stereo.head_file import nominal_calibration
 from unwrinkle.simulation.rendering.synthetic_towel import Towel, capture_of, overhead_pose
-from unwrinkle.systems.diagram import build_flattening_diagram, situation
-from unwrinkle.systems.held import held, hold, model
+from unwrinkle.systems.abstract_state import set_state_value, state_value
+from unwrinkle.systems.diagram import build_flattening_diagram, supervisor_state
 
 #: What the depth camera gives at the n-th exposure (from 1); an exception's text becomes the reason.
 Camera_ = Callable[[int], Capture]
@@ -70,7 +71,7 @@ def _no_camera(number: int) -> Capture:
 
 
 @dataclass(frozen=True, eq=False)
-class _World:
+class _World(Shared):
     q: Array
     v: Array
     status: station_messages.ControllerStatus = field(
@@ -92,7 +93,7 @@ class ScriptedStation(LeafSystem):
         """Stand at `start` (13,), rad; `script` has to be set before anything runs."""
         super().__init__()
         self.script = Script(_no_camera)
-        self._state = self.DeclareAbstractState(model(_World(start, np.zeros_like(start))))
+        self._state = self.DeclareAbstractState(Value(_World(start, np.zeros_like(start))))
         self.DeclarePeriodicUnrestrictedUpdateEvent(_PERIOD, _OFF_BEAT, self._update)
         for name, example in (
             ("trajectory", station_messages.TrajectoryCommand()),
@@ -130,20 +131,20 @@ class ScriptedStation(LeafSystem):
             self.DeclareVectorOutputPort(name, size, self._vector(read), ticket)
 
     def _value(self, part: Callable[[_World], Any]) -> Callable[[Context, Any], None]:
-        return lambda context, output: output.set_value(part(held(context, self._state)))
+        return lambda context, output: output.set_value(part(state_value(context, self._state)))
 
     def _vector(self, part: Callable[[_World], Array]) -> Callable[[Context, BasicVector], None]:
-        return lambda context, output: output.SetFromVector(part(held(context, self._state)))
+        return lambda context, output: output.SetFromVector(part(state_value(context, self._state)))
 
     def _update(self, context: Context, state: State) -> None:
-        world: _World = held(context, self._state)
+        world: _World = state_value(context, self._state)
         now = context.get_time()
         world = self._moved(world, self.GetInputPort("trajectory").Eval(context), now)
         world = self._gripped(world, self.GetInputPort("gripper.command").Eval(context))
         head: station_messages.HeadCommand = self.GetInputPort("head.command").Eval(context)
         if head.number > world.picture.number and head.number not in self.script.dark:
             world = dc.replace(world, picture=self._exposed(head.number, now))
-        hold(state, self._state, world)
+        set_state_value(state, self._state, world)
 
     def _moved(
         self, world: _World, command: station_messages.TrajectoryCommand, now: float
@@ -203,14 +204,14 @@ class LoopRun:
     """A closed loop that has ended.
 
     Attributes:
-        end: the supervisor's last situation.
+        end: the supervisor's last supervisor_state.
         outcomes: of the actions, in order, each with its reason.
         sent: commands that reached the devices.
         start, stands: where the arms stood first and last, (13,) rad.
         duration: on the station's clock, s.
     """
 
-    end: Situation
+    end: SupervisorState
     outcomes: tuple[tuple[str, str], ...]
     sent: tuple[str, ...]
     start: Array
@@ -256,7 +257,7 @@ def run_loop(script: Script, *, cell: Cell | None = None, most: float = 200.0) -
     outcomes: list[tuple[str, str]] = []
     last = None
     while True:
-        now = situation(diagram, context)
+        now = supervisor_state(diagram, context)
         if now.finished is not None and now.finished is not last:
             last = now.finished
             outcomes.append((last.outcome, last.reason))

@@ -15,7 +15,9 @@ from unwrinkle.benchmarks._faults_station import (
     run_loop,
     towel_capture,
 )
-from unwrinkle.flattening import policy, state
+from unwrinkle.flattening import policy
+from unwrinkle.flattening.observation import Observation
+from unwrinkle.flattening.state import RunStatus
 from unwrinkle.flattening.station_messages import HeadImage
 from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.perception.depth.capture import Capture
@@ -46,14 +48,14 @@ def drop_out(case: Case) -> None:
         raise TimeoutError("no frame within 20 s")
 
     run = run_loop(Script(raising))
-    case.expect(len(looks) == policy.BLIND_LOOKS, "the attempts are bounded", len(looks))
-    case.expect(run.end.status == state.STOPPED, "then the loop stops", run.end.status)
+    case.expect(len(looks) == LoopSettings().blind_looks, "the attempts are bounded", len(looks))
+    case.expect(run.end.status == RunStatus.STOPPED, "then the loop stops", run.end.status)
     _nothing_moved(case, run)
     case.reads(run.end.reason, "nothing usable seen", "no frame within 20 s")
 
     run = run_loop(Script(raising, dark=frozenset(range(1, 9))))
     case.expect(
-        run.end.status == state.STOPPED and run.duration < 100.0,
+        run.end.status == RunStatus.STOPPED and run.duration < 100.0,
         "a camera that never answers ends the loop in bounded time",
         (run.end.status, run.duration),
     )
@@ -67,7 +69,7 @@ def drop_out(case: Case) -> None:
 
     run = run_loop(Script(once))
     case.expect(
-        run.end.status == state.FLAT and run.end.head.number == 2,
+        run.end.status == RunStatus.FLAT and run.end.head.number == 2,
         "a single drop-out is looked at again",
         (run.end.status, run.end.head.number),
     )
@@ -154,7 +156,7 @@ def spoiled_depth(case: Case) -> None:
         ("70 % NaN", with_depth(holes(0.7, np.nan)), ("insufficient view",)),
     ):
         run = run_loop(Script(look))
-        case.expect(run.end.status == state.STOPPED, f"{name}: no action", run.end.status)
+        case.expect(run.end.status == RunStatus.STOPPED, f"{name}: no action", run.end.status)
         _nothing_moved(case, run)
         case.reads(run.end.reason, *words)
     for name, value in (("zero", 0.0), ("NaN", np.nan), ("infinite", np.inf)):
@@ -165,10 +167,11 @@ def spoiled_depth(case: Case) -> None:
             ),
             table=TABLE,
         )
+        worth = len(Observation.of(analysis).features.worth_pulling(LoopSettings()))
         case.expect(
-            len(analysis.worth_pulling) == 1 and np.isfinite(analysis.range_map.height).all(),
+            worth == 1 and np.isfinite(analysis.range_map.height).all(),
             f"30 % {name} readings are masked, and the wrinkle is found",
-            len(analysis.worth_pulling),
+            worth,
         )
 
 
@@ -191,7 +194,7 @@ def nothing_to_grasp(case: Case) -> None:
             return towel_capture(towel, seed=case.seed + number)
 
         run = run_loop(Script(look), cell=cell)
-        case.expect(run.end.status == state.STOPPED, f"{name}: the loop stops", run.end.status)
+        case.expect(run.end.status == RunStatus.STOPPED, f"{name}: the loop stops", run.end.status)
         _nothing_moved(case, run)
         case.reads(run.end.reason, *words)
 
@@ -208,7 +211,9 @@ def nothing_to_grasp(case: Case) -> None:
         sensor="stereo",
     )
     analysis = analyse(seen, table=TABLE)
-    decision = policy.decide(policy.sight_of(analysis), policy.Memory(looks=1), LoopSettings())
+    decision = policy.decide(
+        Observation.of(analysis).features, policy.PolicyState(looks=1), LoopSettings()
+    )
     case.expect(
         isinstance(decision, policy.Stop) and not decision.flat,
         "a garment that lies mostly beyond the edge is not worked on",
@@ -240,7 +245,7 @@ def nothing_to_grasp(case: Case) -> None:
         run = run_loop(Script(over), cell=cell)
         _nothing_moved(case, run)
         case.expect(
-            run.end.status == state.STOPPED,
+            run.end.status == RunStatus.STOPPED,
             f"a garment {name} is not called flat",
             f"{run.end.status}: {run.end.reason}",
         )
@@ -253,15 +258,15 @@ def already_flat(case: Case) -> None:
     for thickness in _LAYERS:
         for seed in range(case.seed, case.seed + _SEEDS):
             flat = Towel((), _CENTRE, thickness=thickness, seed=seed)
-            sight = policy.sight_of(_analysed(towel_capture(flat, sigma=0.0003, seed=seed)))
-            decision = policy.decide(sight, policy.Memory(looks=1), LoopSettings())
-            pulled += isinstance(decision, policy.Pull)
+            found = Observation.of(_analysed(towel_capture(flat, sigma=0.0003, seed=seed)))
+            decision = policy.decide(found.features, policy.PolicyState(looks=1), LoopSettings())
+            pulled += isinstance(decision, policy.PullDecision)
     total = len(_LAYERS) * _SEEDS
     case.expect(pulled == 0, f"{total} flat towels with noise: {pulled} false wrinkles", pulled)
     run = run_loop(
         Script(lambda n: towel_capture(dc.replace(_TOWEL, ridges=()), sigma=0.0003, seed=n))
     )
-    case.expect(run.end.status == state.FLAT, "the loop calls it flat", run.end.status)
+    case.expect(run.end.status == RunStatus.FLAT, "the loop calls it flat", run.end.status)
     _nothing_moved(case, run)
     case.reads(run.end.reason, "flat")
 

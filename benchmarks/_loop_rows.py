@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 
-from unwrinkle.flattening import state as states
-from unwrinkle.flattening.state import Action, Situation
+from unwrinkle.flattening.state import Action, Mode, SupervisorState
 from unwrinkle.models.archive import save_archive
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import load_cell
@@ -21,7 +20,7 @@ from unwrinkle.perception.stereo.head_file import nominal_calibration
 from unwrinkle.simulation.cloth import initial_states
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.measures import TruthMeasures, measure
-from unwrinkle.systems.diagram import build_flattening_diagram, situation
+from unwrinkle.systems.diagram import build_flattening_diagram, supervisor_state
 from unwrinkle.systems.station.simulated import build_sim_station
 from unwrinkle.systems.station.world import simulated_cloth
 
@@ -73,11 +72,11 @@ def flattened(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
     simulator.Initialize()
     record, truth = _Record(cloth), station.GetOutputPort("truth.cloth")
     period = scenario.station.feedback_period
-    before = situation(diagram, context)
+    before = supervisor_state(diagram, context)
     for step in range(1, _MOST_PERIODS):
         clock = time.perf_counter()
         simulator.AdvanceTo(step * period)
-        now = situation(diagram, context)
+        now = supervisor_state(diagram, context)
         spent = time.perf_counter() - clock
         record.note(before, now, spent, truth.Eval(station.GetMyContextFromRoot(context)))
         before = now
@@ -139,17 +138,19 @@ class _Record:
         self._looks: list[dict[str, Any]] = []
         self._seconds: dict[str, float] = {}
 
-    def note(self, before: Situation, now: Situation, spent: float, cloth: ClothState) -> None:
+    def note(
+        self, before: SupervisorState, now: SupervisorState, spent: float, cloth: ClothState
+    ) -> None:
         mode = before.mode
         self._seconds[mode] = self._seconds.get(mode, 0.0) + spent
-        if before.mode == states.LOOK and now.mode == states.PERCEIVE:
-            self._measure(now.memory.actions, cloth)
+        if before.mode == Mode.LOOK and now.mode == Mode.PERCEIVE:
+            self._measure(now.policy_state.actions, cloth)
         if now.finished is not before.finished:
             assert now.finished is not None
             self._end(now.finished)
         elif now.over:
             self._end(now.action)
-            self._measure(now.memory.actions, cloth)
+            self._measure(now.policy_state.actions, cloth)
 
     def _measure(self, actions: int, cloth: ClothState) -> None:
         """The cloth at rest after so many actions; of several looks without an action between, the last."""
@@ -163,14 +164,12 @@ class _Record:
         if action.planned is not None and action.planned.result is not None:
             plan = action.planned.result.plan
         seconds = {
-            "look": self._seconds.get(states.LOOK, 0.0),
+            "look": self._seconds.get(Mode.LOOK, 0.0),
             "perception": 0.0 if action.perceived is None else action.perceived.seconds,
             "analysis": 0.0 if action.analysed is None else action.analysed.seconds,
-            "planning": self._seconds.get(states.PLAN, 0.0),
-            "verification": self._seconds.get(states.CONFIRM, 0.0),
-            "motion": sum(
-                self._seconds.get(m, 0.0) for m in (states.MOVE, states.GRIP, states.RETREAT)
-            ),
+            "planning": self._seconds.get(Mode.PLAN, 0.0),
+            "verification": self._seconds.get(Mode.CONFIRM, 0.0),
+            "motion": sum(self._seconds.get(m, 0.0) for m in (Mode.MOVE, Mode.GRIP, Mode.RETREAT)),
         }
         arms = [] if plan is None else [arm is not None for arm in plan.arms]
         self._looks.append(
@@ -181,7 +180,9 @@ class _Record:
                 "wrinkle": None if action.pull is None else action.pull.wrinkle.index,
                 "asked": None if action.pull is None else action.pull.arms,
                 "pull": None if plan is None else plan.target.hands[0].pull_distance,
-                "wrinkles": 0 if action.sight is None else len(action.sight.wrinkles),
+                "wrinkles": 0
+                if action.observation is None
+                else len(action.observation.features.wrinkles),
                 "refusals": [dc.asdict(refusal) for refusal in action.refusals],
                 "seconds": seconds,
                 "total": sum(self._seconds.values()),
@@ -195,7 +196,7 @@ class _Record:
         header = {"format": "unwrinkle.vertices", "flat_height": self._cloth.flat_height}
         save_archive(folder / VERTICES, header, arrays)
 
-    def result(self, last: Situation) -> dict[str, Any]:
+    def result(self, last: SupervisorState) -> dict[str, Any]:
         pulls = [look for look in self._looks if look["outcome"] in ("done", "missed")]
         refused = [r for look in self._looks for r in look["refusals"] if r["arms"] == "dual"]
         dual = sum(look["asked"] == "dual" for look in pulls)
@@ -203,7 +204,7 @@ class _Record:
         return {
             "status": last.status,
             "reason": last.reason,
-            "actions": last.memory.actions,
+            "actions": last.policy_state.actions,
             "heights": heights,
             "coverages": [truth.coverage for truth in self._truth],
             "overstretch": [truth.overstretch for truth in self._truth],

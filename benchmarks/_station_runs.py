@@ -8,7 +8,7 @@ from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 
 from unwrinkle.flattening.execution import steps_of
-from unwrinkle.flattening.state import Situation, SupervisorSettings
+from unwrinkle.flattening.state import SupervisorSettings, SupervisorState
 from unwrinkle.flattening.station_messages import (
     FAULT,
     ControllerStatus,
@@ -27,7 +27,7 @@ from unwrinkle.perception.stereo.head_file import nominal_calibration
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.initial_states import start_state
-from unwrinkle.systems.diagram import build_flattening_diagram, situation
+from unwrinkle.systems.diagram import build_flattening_diagram, supervisor_state
 from unwrinkle.systems.station.loopback import LoopbackStation, build_loopback_station
 from unwrinkle.systems.station.motion_log import Motion
 from unwrinkle.systems.station.simulated import build_sim_station
@@ -97,7 +97,7 @@ class Setting:
 
     def situations(
         self, station: SimulatedStation, settings: SupervisorSettings | None = None
-    ) -> Iterator[tuple[Situation, ClothState]]:
+    ) -> Iterator[tuple[SupervisorState, ClothState]]:
         """Run the closed loop on a station, and yield the supervisor's state and the cloth, period by period."""
         diagram = build_flattening_diagram(
             self.cell, station, self.head, settings=settings, seed=self.seed
@@ -108,11 +108,11 @@ class Setting:
         truth = station.GetOutputPort("truth.cloth")
         simulator.Initialize()
         steps = 0
-        while not situation(diagram, context).over:
+        while not supervisor_state(diagram, context).over:
             steps += 1
             simulator.AdvanceTo(steps * _PERIOD)
             yield (
-                situation(diagram, context),
+                supervisor_state(diagram, context),
                 truth.Eval(station.GetMyContextFromRoot(context)),
             )
 

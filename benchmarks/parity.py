@@ -221,7 +221,7 @@ def _closed_loop(setting: Setting) -> dict[str, Any]:
         station.close()
     return {
         "status": now.status,
-        "actions": now.memory.actions,
+        "actions": now.policy_state.actions,
         "seconds": time.perf_counter() - clock,
         "height": float(largest_height(setting.cloth, state)),
         "coverage": float(coverage(setting.cloth, state)),

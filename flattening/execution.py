@@ -1,19 +1,19 @@
-"""Carrying out a confirmed plan: its segments and gripper strokes one after the other, and the retreat."""
+"""Execution of a confirmed plan: its segments and gripper strokes in order, and the retreat from a missed grasp."""
 
 import logging
 from dataclasses import replace
 
 import numpy as np
 
-from unwrinkle.flattening import state as states
 from unwrinkle.flattening import station_messages
 from unwrinkle.flattening.retreat import retreat
 from unwrinkle.flattening.state import (
     Feedback,
-    Situation,
+    Mode,
     Step,
     StepRecord,
     SupervisorSettings,
+    SupervisorState,
 )
 from unwrinkle.flattening.station_messages import GripperCommand, TrajectoryCommand
 from unwrinkle.flattening.transitions import at_rest, entered, fault
@@ -26,36 +26,38 @@ _log = logging.getLogger(__name__)
 
 
 def steps_of(plan: FlatteningPlan) -> tuple[Step, ...]:
-    """Segments and strokes in order: approach, close, pull, open, release."""
+    """Return the segments and strokes of a plan in order: approach, close, pull, open, release."""
     steps: list[Step] = []
     for index, segment in enumerate(plan.segments):
-        steps.append(Step(segment.name, states.MOVE, segment.trajectory))
+        steps.append(Step(segment.name, Mode.MOVE, segment.trajectory))
         if index < len(plan.events):
             event = plan.events[index]
-            steps.append(Step(STROKES[index], states.GRIP, closed=event.closed, dwell=event.dwell))
+            steps.append(Step(STROKES[index], Mode.GRIP, closed=event.closed, dwell=event.dwell))
     return tuple(steps)
 
 
 class Execution:
-    """The part of the state machine that moves."""
+    """The part of the state machine that moves arms and grippers."""
 
     def __init__(self, settings: SupervisorSettings) -> None:
-        """Take deadlines and tolerances."""
+        """Keep deadlines and tolerances."""
         self._settings = settings
 
-    def begin(self, now: Situation, feedback: Feedback, plan: FlatteningPlan) -> Situation:
-        """Enter the first step of a plan that was confirmed."""
+    def begin(
+        self, now: SupervisorState, feedback: Feedback, plan: FlatteningPlan
+    ) -> SupervisorState:
+        """Enter the first step of a confirmed plan."""
         now = replace(now, steps=steps_of(plan))
         return entered(now, now.steps[0].mode, feedback)
 
-    def next(self, now: Situation, feedback: Feedback) -> Situation:
-        """Return the situation one period on; in `look` once there is nothing more to do."""
-        if now.mode == states.GRIP:
+    def next(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
+        """Return the supervisor_state one period on; in `look` once there is nothing more to do."""
+        if now.mode == Mode.GRIP:
             return self._grip(now, feedback)
         return self._move(now, feedback) if now.sent else self._start(now, feedback)
 
-    def _start(self, now: Situation, feedback: Feedback) -> Situation:
-        """Send a segment once the arms rest where it begins."""
+    def _start(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
+        """Send a segment as soon as the arms rest at its start."""
         step = now.steps[0]
         assert step.trajectory is not None
         apart = np.abs(feedback.positions() - step.trajectory.positions[0])
@@ -74,7 +76,7 @@ class Execution:
             feedback,
         )
 
-    def _move(self, now: Situation, feedback: Feedback) -> Situation:
+    def _move(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
         step, number = now.steps[0], now.trajectory.number
         assert step.trajectory is not None
         status = feedback.controller()
@@ -106,7 +108,7 @@ class Execution:
             )
         return now
 
-    def _grip(self, now: Situation, feedback: Feedback) -> Situation:
+    def _grip(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
         step = now.steps[0]
         if not now.sent:
             command = GripperCommand(now.gripper.number + 1, step.closed)
@@ -135,8 +137,10 @@ class Execution:
             return self._missed(now, empty, feedback)
         return self._done(now, now.gripper.number, feedback)
 
-    def _missed(self, now: Situation, empty: list[str], feedback: Feedback) -> Situation:
-        """Open, and go back by the way the arms came."""
+    def _missed(
+        self, now: SupervisorState, empty: list[str], feedback: Feedback
+    ) -> SupervisorState:
+        """Open the grippers and retreat along the approach."""
         planned = now.action.planned
         assert planned is not None and planned.result is not None
         plan = planned.result.plan
@@ -146,24 +150,24 @@ class Execution:
         stroke = now.steps[0]
         back = (
             stroke,
-            Step("open", states.GRIP, closed=(False, False), dwell=stroke.dwell),
-            Step("retreat", states.RETREAT, retreat(plan.segments[0])),
+            Step("open", Mode.GRIP, closed=(False, False), dwell=stroke.dwell),
+            Step("retreat", Mode.RETREAT, retreat(plan.segments[0])),
         )
         action = replace(now.action, outcome="missed", reason=reason)
         now = replace(now, steps=back, action=action)
         return self._done(now, now.gripper.number, feedback)
 
-    def _done(self, now: Situation, number: int, feedback: Feedback) -> Situation:
-        """Note the step, and begin the next one."""
+    def _done(self, now: SupervisorState, number: int, feedback: Feedback) -> SupervisorState:
+        """Record the step and enter the next one."""
         step, *rest = now.steps
         record = StepRecord(step.name, number, now.since, feedback.time)
         action = replace(now.action, steps=(*now.action.steps, record))
         now = replace(now, steps=tuple(rest), action=action)
-        return entered(now, rest[0].mode if rest else states.LOOK, feedback)
+        return entered(now, rest[0].mode if rest else Mode.LOOK, feedback)
 
 
-def _held_on(now: Situation, feedback: Feedback) -> Situation:
-    """Mark the action as missed where a closed gripper has lost its cloth on the way."""
+def _held_on(now: SupervisorState, feedback: Feedback) -> SupervisorState:
+    """Mark the action as missed if a closed gripper has lost its cloth during the segment."""
     status = feedback.grippers()
     lost = [
         name

@@ -1,44 +1,31 @@
-"""What travels between perception, planning, verification and the supervisor.
-
-All of it is immutable, so that Drake, which copies what a state or a port holds, need not: a copy is the value itself.
-"""
+"""Messages between perception, policy, planning, verification and the supervisor; all immutable."""
 
 from dataclasses import dataclass, field
-from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unwrinkle.flattening.observation import Observation
+from unwrinkle.models.arrays import Array
+from unwrinkle.models.shared import Shared
 from unwrinkle.perception.range_map import RangeMap
-from unwrinkle.perception.wrinkles.analysis import Analysis
+from unwrinkle.perception.target import FlatteningTarget, NoTarget
+from unwrinkle.planning.plan import GarmentSurface
 from unwrinkle.planning.search.planner import PlanResult
 from unwrinkle.planning.trajectory import AXES
 from unwrinkle.planning.verification.verdict import Verdict
 
 
-class Shared:
-    """Base of frozen values that are shared, never copied."""
-
-    def __copy__(self) -> Self:
-        """Return the value itself."""
-        return self
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """Return the value itself."""
-        return self
-
-
 @dataclass(frozen=True, eq=False)
 class Perceived(Shared):
-    """What a look gave.
+    """The range map of a look.
 
     Attributes:
         number: of the head command whose pictures it is from; 0 before the first.
         range_map: of the garment; None where there is none.
         reason: why there is none; else empty.
-        empty: the table was seen, and no garment on it.
-        unseen: a garment lower than this the sensor does not tell from the table, m.
-        seconds: of computing, wall clock.
+        empty: whether the table was seen without a garment on it.
+        unseen: least height of a garment that the sensor can tell from the table, m.
+        seconds: computing time, wall clock, s.
     """
 
     number: int = 0
@@ -51,44 +38,46 @@ class Perceived(Shared):
 
 @dataclass(frozen=True, eq=False)
 class Analysed(Shared):
-    """What was found on a range map.
+    """The observation of a look.
 
     Attributes:
         number: of the look.
-        analysis: wrinkles, largest first; None where there is none.
+        observation: wrinkles and features; None where there is none.
         reason: why there is none; else empty.
-        seconds: of computing, wall clock.
+        seconds: computing time, wall clock, s.
     """
 
     number: int = 0
-    analysis: Analysis | None = None
+    observation: Observation | None = None
     reason: str = ""
     seconds: float = 0.0
 
 
-def _nowhere() -> NDArray[np.float64]:
-    nowhere = np.zeros(AXES)
-    nowhere.setflags(write=False)
-    return nowhere
+def _at_zero() -> Array:
+    zero = np.zeros(AXES)
+    zero.setflags(write=False)
+    return zero
 
 
 @dataclass(frozen=True, eq=False)
 class PlanRequest(Shared):
-    """What is to be planned.
+    """A request for a plan.
 
     Attributes:
         number: counts up with every request; 0 is none.
-        look: number of the look that the wrinkle is counted in.
-        wrinkle: its index, largest first.
-        arms: any, dual or single.
+        target: to plan for.
+        arms: `any`, `dual` or `single`.
         start: (13,) where the robot stands, rad.
+        garment: as it was seen; stored in the plan for its preview.
     """
 
     number: int = 0
-    look: int = 0
-    wrinkle: int = 0
+    target: FlatteningTarget | NoTarget = field(
+        default_factory=lambda: NoTarget("no plan was requested yet")
+    )
     arms: str = "any"
-    start: NDArray[np.float64] = field(default_factory=_nowhere)
+    start: Array = field(default_factory=_at_zero)
+    garment: GarmentSurface | None = None
 
     def __post_init__(self) -> None:
         """Copy and freeze the start."""
@@ -99,14 +88,14 @@ class PlanRequest(Shared):
 
 @dataclass(frozen=True, eq=False)
 class Planned(Shared):
-    """What planning gave.
+    """The planner's answer.
 
     Attributes:
         number: of the request; 0 before the first.
         result: of the planner; None where there was nothing to plan for.
         reason: why there is no plan; else empty.
-        seconds: of computing, wall clock.
-        request: what was asked.
+        seconds: computing time, wall clock, s.
+        request: that was answered.
     """
 
     number: int = 0
@@ -118,13 +107,13 @@ class Planned(Shared):
 
 @dataclass(frozen=True, eq=False)
 class Verified(Shared):
-    """What verification says of a plan.
+    """The verdict on a plan.
 
     Attributes:
         number: of the request; 0 before the first.
         plan_hash: content hash of the plan; empty where there is none.
         verdict: None where there was no plan.
-        seconds: of computing, wall clock.
+        seconds: computing time, wall clock, s.
         reason: why there is no verdict; else empty.
     """
 

@@ -1,11 +1,14 @@
-"""The loop's judgement: which wrinkle next, with how many arms, and when to stop. Pure functions of values.
+"""The policy of the closed loop: which wrinkle next, with how many arms, and when to stop. Pure functions of values.
 
-- Flat: no wrinkle asks for the sensor's halting pull, and none is higher than the scenario's halting height.
-- The largest wrinkle first (or by another of `ordering`), with two arms; where there is no motion for it the next; then one arm, largest first.
-- A grasp that missed is tried again some times, then the wrinkle is left aside.
-- Two actions in a row that changed nothing: the next wrinkle; a third: one arm; a fourth: give up.
-- What was left aside counts again once an action has changed something.
-- Nothing usable in two looks in a row: stop.
+- Flat: no wrinkle reaches the sensor's halting pull, and none is higher than the scenario's halting height.
+- Wrinkles are pulled in the scenario's order (see `priority`), with two arms first; without a motion for two arms, the
+  next wrinkle; then with one arm, in the same order.
+- After a missed grasp the same wrinkle is tried again a few times, then abandoned.
+- After actions in a row without effect: first the next wrinkle, then one arm, then stop.
+- Abandoned wrinkles count again once an action has had an effect.
+- Looks in a row without a usable observation: stop.
+
+All thresholds are settings of the scenario's `loop`.
 """
 
 import dataclasses as dc
@@ -13,144 +16,38 @@ import math
 from dataclasses import dataclass
 from typing import Any, Self
 
-from unwrinkle.flattening.messages import Shared
-from unwrinkle.flattening.priority import flattened_together, highest_part, in_order
+from unwrinkle.flattening.observation import GarmentFeatures, WrinkleFeatures
+from unwrinkle.flattening.priority import in_order
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import LoopSettings
-from unwrinkle.perception.wrinkles.analysis import Analysis
+from unwrinkle.models.shared import Shared
 
 #: Numbers of arms to try, in order, by the scenario's choice.
-LEVELS = {"any": ("dual", "single"), "dual": ("dual",), "single": ("single",)}
-
-#: Actions in a row that changed nothing, after which the wrinkle is left aside; one arm takes over; the loop gives up.
-NEXT_WRINKLE, ONE_ARM, GIVE_UP = 2, 3, 4
-
-#: Looks in a row that showed nothing usable, after which the loop stops.
-BLIND_LOOKS = 2
-
-#: A single layer of a garment is not thicker than this, m: what a sensor must tell from the table to see a flat one.
-THICKEST_LAYER = 0.003
-
-#: A garment with more than this share of its seen area beyond the table's edges is not worked on.
-MOST_BEYOND = 0.5
-#: A garment with more than this share of its outline along the table's edges hangs over them: not flat.
-MOST_ALONG_EDGE = 0.22
-
-#: Heights below this many standard deviations of a sensor's reading are no reason to pull.
-NOISES = 2.0
-
-#: A wrinkle is the same in two looks if its middle moved less than this, m, and it turned less than this, rad.
-SAME_PLACE, SAME_ANGLE = 0.05, 0.6
+ARMS = {"any": ("dual", "single"), "dual": ("dual",), "single": ("single",)}
+#: Reasons of abandoned wrinkles that a message lists at most.
+_MOST_REASONS = 4
 
 
 @dataclass(frozen=True)
-class SeenWrinkle:
-    """What counts of a wrinkle.
+class PullDecision(Shared):
+    """Decision to pull a wrinkle.
 
     Attributes:
-        index: in the analysis, largest first.
-        centre: x, y in the world, m.
-        angle: of its direction, rad.
-        volume: argument of Eq. 4's logarithms, length times mean of width times height, mm^3.
-        pull: Eq. 5, m.
-        height: of its highest part over the line between its feet, m.
-        length: along its ridge line, m.
-        together: volume of all that a pull across it works on, mm^3; see `ordering`.
-    """
-
-    index: int
-    centre: tuple[float, float]
-    angle: float
-    volume: float
-    pull: float
-    height: float
-    length: float = 0.0
-    together: float = 0.0
-
-
-@dataclass(frozen=True)
-class Sight(Shared):
-    """What counts of an analysis.
-
-    Attributes:
-        wrinkles: largest first.
-        halting_pull: of the sensor, m.
-        noise: standard deviation of the sensor's readings, m.
-        beyond: share of the garment's seen area beyond the table's edges.
-        along_edge: share of its outline along the table's edges.
-    """
-
-    wrinkles: tuple[SeenWrinkle, ...] = ()
-    halting_pull: float = 0.005
-    noise: float = 0.0
-    beyond: float = 0.0
-    along_edge: float = 0.0
-
-    def worth_pulling(self, halting_height: float) -> list[SeenWrinkle]:
-        """Wrinkles that ask for the halting pull or are higher than this (m), largest first.
-
-        What is not higher than the sensor's noise allows to tell (`NOISES`) is not high.
-        """
-        halting_height = max(halting_height, NOISES * self.noise)
-        return [
-            wrinkle
-            for wrinkle in self.wrinkles
-            if wrinkle.pull >= self.halting_pull or wrinkle.height > halting_height
-        ]
-
-    def volumes(self, halting_height: float) -> tuple[float, float]:
-        """Greatest volume and sum of the volumes of the wrinkles worth pulling, mm^3.
-
-        The low ones do not count: from look to look the sensor's noise makes some and takes others away.
-        """
-        volumes = [wrinkle.volume for wrinkle in self.worth_pulling(halting_height)]
-        return max(volumes, default=0.0), sum(volumes)
-
-
-def sight_of(analysis: Analysis) -> Sight:
-    """What counts of an analysis."""
-    together = flattened_together(analysis.wrinkles, analysis.section)
-    return Sight(
-        tuple(
-            SeenWrinkle(
-                index=index,
-                centre=(float(wrinkle.centre[0]), float(wrinkle.centre[1])),
-                angle=math.atan2(wrinkle.direction[1], wrinkle.direction[0]),
-                volume=math.exp(wrinkle.volume_score),
-                pull=wrinkle.pull_distance(analysis.mode),
-                height=highest_part(wrinkle),
-                length=wrinkle.length,
-                together=together[index],
-            )
-            for index, wrinkle in enumerate(analysis.wrinkles)
-        ),
-        analysis.profile.halting_pull,
-        analysis.profile.depth_noise,
-        analysis.share_beyond_table,
-        analysis.share_along_edge,
-    )
-
-
-@dataclass(frozen=True)
-class Pull(Shared):
-    """Pull a wrinkle.
-
-    Attributes:
-        wrinkle: which.
+        wrinkle: to pull.
         arms: `dual` or `single`.
     """
 
-    wrinkle: SeenWrinkle
+    wrinkle: WrinkleFeatures
     arms: str
 
 
 @dataclass(frozen=True)
 class Stop(Shared):
-    """Do no more.
+    """Decision to stop.
 
     Attributes:
-        flat: because the garment is flat.
-        reason: in words.
+        flat: whether the garment is flat.
+        reason: why.
     """
 
     flat: bool
@@ -158,28 +55,24 @@ class Stop(Shared):
 
 
 @dataclass(frozen=True)
-class Tried(Shared):
-    """A wrinkle that was left aside: where it is, with how many arms it was tried, and why no more."""
+class AbandonedWrinkle(Shared):
+    """A wrinkle that is not pulled any more: its place, with how many arms it was tried, and why it was abandoned."""
 
     centre: tuple[float, float]
     angle: float
     arms: str
     reason: str
 
-    def is_of(self, wrinkle: SeenWrinkle) -> bool:
-        """Whether that wrinkle is this one."""
-        return _same(self.centre, self.angle, wrinkle)
-
 
 @dataclass(frozen=True)
-class Pulled(Shared):
+class LastAction(Shared):
     """The last action.
 
     Attributes:
-        centre, angle, arms: of what was pulled.
-        largest, total: volumes of what was worth pulling before it, mm^3; see `Sight.volumes`.
-        missed: a gripper had no cloth.
-        judged: whether its effect was seen already.
+        centre, angle, arms: of the wrinkle that was pulled.
+        largest, total: volumes of the wrinkles worth pulling before it, mm^3; see `GarmentFeatures.volumes`.
+        missed: whether a gripper held no cloth.
+        judged: whether its effect was observed already.
     """
 
     centre: tuple[float, float]
@@ -192,16 +85,16 @@ class Pulled(Shared):
 
 
 @dataclass(frozen=True)
-class Memory(Shared):
-    """What the loop remembers from look to look.
+class PolicyState(Shared):
+    """State of the policy between observations.
 
     Attributes:
         looks: taken.
-        blind: looks in a row that showed nothing usable.
-        actions: motions carried out, missed grasps included.
-        idle: actions in a row that changed nothing.
-        misses: grasps in a row that missed at one wrinkle.
-        tried: wrinkles left aside.
+        blind: looks in a row without a usable observation.
+        actions: motions executed, missed grasps included.
+        idle: actions in a row without effect.
+        misses: missed grasps in a row at one wrinkle.
+        tried: abandoned wrinkles.
         last: the last action.
     """
 
@@ -210,19 +103,19 @@ class Memory(Shared):
     actions: int = 0
     idle: int = 0
     misses: int = 0
-    tried: tuple[Tried, ...] = ()
-    last: Pulled | None = None
+    tried: tuple[AbandonedWrinkle, ...] = ()
+    last: LastAction | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Plain numbers, strings and lists."""
+        """Return plain numbers, strings and lists."""
         return dc.asdict(self)
 
     @classmethod
     def from_json(cls, data: Any) -> Self:
-        """Rebuild what `to_json` gave.
+        """Rebuild what `to_json` returned.
 
         Raises:
-            InputError: it is no such thing.
+            InputError: the data are damaged.
         """
         try:
             counts = {
@@ -230,163 +123,191 @@ class Memory(Shared):
             }
             if min(counts.values()) < 0 or set(data) != {f.name for f in dc.fields(cls)}:
                 raise ValueError("its fields")
-            last = None if data["last"] is None else Pulled(**_placed(data["last"]))
-            tried = tuple(Tried(**_placed(item)) for item in data["tried"])
+            last = None if data["last"] is None else LastAction(**_placed(data["last"]))
+            tried = tuple(AbandonedWrinkle(**_placed(item)) for item in data["tried"])
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
-                f"the loop's memory is damaged ({error}); begin a new run, without --resume"
+                f"the state of the policy is damaged ({error}); begin a new run, without --resume"
             ) from None
         return cls(tried=tried, last=last, **counts)
 
 
-def looked(memory: Memory, sight: Sight, rules: LoopSettings) -> Memory:
-    """Remember a look that showed the garment, and what the last action had changed.
+def after_observation(
+    state: PolicyState, features: GarmentFeatures, rules: LoopSettings
+) -> PolicyState:
+    """Count an observation, and judge by it what the last action changed.
 
-    An action has changed something if the largest wrinkle, or all that are worth pulling together, have lost at least
-    the share `least_gain` of their volume: of two alike wrinkles one may go without the largest becoming smaller.
+    An action had an effect if the largest wrinkle, or all wrinkles worth pulling together, have lost at least the share
+    `least_gain` of their volume: of two equal wrinkles one may be gone while the largest is as large as before.
     """
-    memory = dc.replace(memory, looks=memory.looks + 1, blind=0)
-    last = memory.last
+    state = dc.replace(state, looks=state.looks + 1, blind=0)
+    last = state.last
     if last is None or last.judged:
-        return memory
-    memory = dc.replace(memory, last=dc.replace(last, judged=True))
+        return state
+    state = dc.replace(state, last=dc.replace(last, judged=True))
     if last.missed:
-        return memory
+        return state
     kept = 1.0 - rules.least_gain
-    largest, total = sight.volumes(rules.halting_height)
+    largest, total = features.volumes(rules)
     if largest <= kept * last.largest or total <= kept * last.total:
-        return dc.replace(memory, idle=0, misses=0, tried=())
-    memory = dc.replace(memory, idle=memory.idle + 1)
-    if memory.idle < NEXT_WRINKLE:
-        return memory
-    reason = f"{memory.idle} actions in a row changed nothing"
-    return _aside(memory, last.centre, last.angle, last.arms, reason)
+        return dc.replace(state, idle=0, misses=0, tried=())
+    state = dc.replace(state, idle=state.idle + 1)
+    if state.idle < rules.idle_next_wrinkle:
+        return state
+    reason = f"{state.idle} actions in a row changed nothing"
+    return _abandoned(state, last.centre, last.angle, last.arms, reason)
 
 
-def blinded(
-    memory: Memory, reason: str, *, empty: bool = False, unseen: float = 0.0
-) -> tuple[Memory, Stop | None]:
-    """Remember a look that showed nothing usable; and whether that ends the loop.
+def after_blind_look(
+    state: PolicyState,
+    reason: str,
+    rules: LoopSettings,
+    *,
+    empty: bool = False,
+    unseen: float = 0.0,
+) -> tuple[PolicyState, Stop | None]:
+    """Count a look without a usable observation, and say whether to stop.
 
-    A sensor that does not tell a single layer from the table sees no garment that is flat. So a table that is
-    empty to it, where it saw a garment that was then pulled by millimetres, has a flat one on it.
+    A sensor that cannot tell a single layer from the table sees nothing of a flat garment. So where it saw a garment
+    that was then pulled, an empty table means a flat garment.
 
     Args:
-        memory: before.
-        reason: why nothing was seen.
-        empty: the table was seen, and nothing on it.
-        unseen: height of a garment that the sensor does not tell from the table, m.
+        state: before the look.
+        reason: why there is no observation.
+        rules: of the loop.
+        empty: whether the table was seen without a garment on it.
+        unseen: least height of a garment that the sensor can tell from the table, m.
     """
-    memory = dc.replace(memory, looks=memory.looks + 1, blind=memory.blind + 1)
-    if memory.blind < BLIND_LOOKS:
-        return memory, None
-    if empty and unseen > THICKEST_LAYER and memory.last is not None:
-        return memory, Stop(
+    state = dc.replace(state, looks=state.looks + 1, blind=state.blind + 1)
+    if state.blind < rules.blind_looks:
+        return state, None
+    if empty and unseen > rules.thickest_layer and state.last is not None:
+        return state, Stop(
             True,
             f"flat as far as this sensor sees: nothing stands {1e3 * unseen:.1f} mm above the table "
             "any more",
         )
-    return memory, Stop(False, f"nothing usable seen in {memory.blind} looks: {reason}")
+    return state, Stop(False, f"nothing usable seen in {state.blind} looks: {reason}")
 
 
-def decide(sight: Sight, memory: Memory, rules: LoopSettings) -> Pull | Stop:
-    """Say what to do about what was seen."""
-    if sight.beyond > MOST_BEYOND:
+def decide(
+    features: GarmentFeatures, state: PolicyState, rules: LoopSettings
+) -> PullDecision | Stop:
+    """Choose the next action."""
+    if features.beyond > rules.most_beyond_table:
         return Stop(
             False,
-            f"{sight.beyond:.0%} of the garment lies beyond the table's edges, at most "
-            f"{MOST_BEYOND:.0%} may; lay it back",
+            f"{features.beyond:.0%} of the garment lies beyond the table's edges, at most "
+            f"{rules.most_beyond_table:.0%} may; lay it back",
         )
-    worth = sight.worth_pulling(rules.halting_height)
-    if not worth and sight.along_edge > MOST_ALONG_EDGE:
+    worth = features.worth_pulling(rules)
+    if not worth and features.along_edge > rules.most_along_edge:
         return Stop(
             False,
-            f"{sight.along_edge:.0%} of the garment's outline runs along the table's edge, at most "
-            f"{MOST_ALONG_EDGE:.0%} may; it hangs over, lay it back",
+            f"{features.along_edge:.0%} of the garment's outline runs along the table's edge, at most "
+            f"{rules.most_along_edge:.0%} may; it hangs over, lay it back",
         )
     if not worth:
-        pull = max((wrinkle.pull for wrinkle in sight.wrinkles), default=0.0)
-        height = max((wrinkle.height for wrinkle in sight.wrinkles), default=0.0)
+        pull = max((wrinkle.pull for wrinkle in features.wrinkles), default=0.0)
+        height = max((wrinkle.height for wrinkle in features.wrinkles), default=0.0)
         return Stop(
             True,
-            f"flat: {len(sight.wrinkles)} wrinkles, the largest pull {1e3 * pull:.1f} mm of "
-            f"{1e3 * sight.halting_pull:.1f} mm, the highest {1e3 * height:.1f} mm of "
+            f"flat: {len(features.wrinkles)} wrinkles, the largest pull {1e3 * pull:.1f} mm of "
+            f"{1e3 * features.halting_pull:.1f} mm, the highest {1e3 * height:.1f} mm of "
             f"{1e3 * rules.halting_height:.1f} mm",
         )
-    if memory.actions >= rules.actions:
+    if state.actions >= rules.actions:
         return Stop(
             False,
-            f"not flat after {memory.actions} actions: {len(worth)} wrinkles are left, the largest "
+            f"not flat after {state.actions} actions: {len(worth)} wrinkles are left, the largest "
             f"asks for a pull of {1e3 * worth[0].pull:.1f} mm and is "
             f"{1e3 * worth[0].height:.1f} mm high; allow more actions",
         )
-    levels = LEVELS[rules.arms]
-    if memory.idle >= ONE_ARM:
+    levels = ARMS[rules.arms]
+    if state.idle >= rules.idle_one_arm:
         levels = levels[1:]
-    if memory.idle >= GIVE_UP or not levels:
-        return Stop(False, f"{memory.idle} actions in a row changed nothing{_reasons(memory)}")
+    if state.idle >= rules.idle_stop or not levels:
+        return Stop(False, f"{state.idle} actions in a row changed nothing{_reasons(state)}")
     ordered = in_order(worth, rules.order)
     for arms in levels:
         for wrinkle in ordered:
-            if not any(item.arms == arms and item.is_of(wrinkle) for item in memory.tried):
-                return Pull(wrinkle, arms)
+            if not any(
+                item.arms == arms and _same(item.centre, item.angle, wrinkle, rules)
+                for item in state.tried
+            ):
+                return PullDecision(wrinkle, arms)
     return Stop(
-        False, f"no motion for any of the {len(worth)} wrinkles that are left{_reasons(memory)}"
+        False, f"no motion for any of the {len(worth)} wrinkles that are left{_reasons(state)}"
     )
 
 
-def unplannable(memory: Memory, pull: Pull, reason: str) -> Memory:
-    """Remember that there is no verified motion for a wrinkle."""
-    return _aside(memory, pull.wrinkle.centre, pull.wrinkle.angle, pull.arms, reason)
+def after_refusal(state: PolicyState, decision: PullDecision, reason: str) -> PolicyState:
+    """Abandon a wrinkle for which there is no motion with so many arms."""
+    wrinkle = decision.wrinkle
+    return _abandoned(state, wrinkle.centre, wrinkle.angle, decision.arms, reason)
 
 
-def carried_out(
-    memory: Memory, pull: Pull, sight: Sight, rules: LoopSettings, *, missed: bool
-) -> Memory:
-    """Remember an action.
+def after_action(
+    state: PolicyState,
+    decision: PullDecision,
+    features: GarmentFeatures,
+    rules: LoopSettings,
+    *,
+    missed: bool,
+) -> PolicyState:
+    """Count an action.
 
     Args:
-        memory: before.
-        pull: what was decided.
-        sight: what it was decided on.
+        state: before it.
+        decision: that was executed.
+        features: of the observation that it was decided on.
         rules: of the loop.
-        missed: a gripper had no cloth; nothing was pulled.
+        missed: whether a gripper held no cloth, so that nothing was pulled.
     """
-    wrinkle = pull.wrinkle
+    wrinkle = decision.wrinkle
     again = (
-        memory.last is not None
-        and memory.last.missed
-        and _same(memory.last.centre, memory.last.angle, wrinkle)
+        state.last is not None
+        and state.last.missed
+        and _same(state.last.centre, state.last.angle, wrinkle, rules)
     )
-    misses = (memory.misses if again else 0) + 1 if missed else 0
-    largest, total = sight.volumes(rules.halting_height)
-    memory = dc.replace(
-        memory,
-        actions=memory.actions + 1,
+    misses = (state.misses if again else 0) + 1 if missed else 0
+    largest, total = features.volumes(rules)
+    state = dc.replace(
+        state,
+        actions=state.actions + 1,
         misses=misses,
-        last=Pulled(wrinkle.centre, wrinkle.angle, pull.arms, largest, total, missed=missed),
+        last=LastAction(
+            wrinkle.centre, wrinkle.angle, decision.arms, largest, total, missed=missed
+        ),
     )
     if misses < rules.grasp_attempts:
-        return memory
+        return state
     reason = f"the grasp missed {misses} times"
-    return dc.replace(_aside(memory, wrinkle.centre, wrinkle.angle, pull.arms, reason), misses=0)
+    return dc.replace(
+        _abandoned(state, wrinkle.centre, wrinkle.angle, decision.arms, reason), misses=0
+    )
 
 
-def _aside(
-    memory: Memory, centre: tuple[float, float], angle: float, arms: str, reason: str
-) -> Memory:
-    return dc.replace(memory, tried=(*memory.tried, Tried(centre, angle, arms, reason)))
+def _abandoned(
+    state: PolicyState, centre: tuple[float, float], angle: float, arms: str, reason: str
+) -> PolicyState:
+    item = AbandonedWrinkle(centre, angle, arms, reason)
+    return dc.replace(state, tried=(*state.tried, item))
 
 
-def _same(centre: tuple[float, float], angle: float, wrinkle: SeenWrinkle) -> bool:
+def _same(
+    centre: tuple[float, float], angle: float, wrinkle: WrinkleFeatures, rules: LoopSettings
+) -> bool:
+    """Whether a wrinkle is the one that an earlier look showed at a place (m) and an angle (rad)."""
     turned = abs((angle - wrinkle.angle + 0.5 * math.pi) % math.pi - 0.5 * math.pi)
-    return math.dist(centre, wrinkle.centre) < SAME_PLACE and turned < SAME_ANGLE
+    near = math.dist(centre, wrinkle.centre) < rules.same_wrinkle_distance
+    return near and turned < rules.same_wrinkle_angle
 
 
-def _reasons(memory: Memory) -> str:
-    """The last reasons why wrinkles were left aside, each once."""
-    reasons = list(dict.fromkeys(f"{item.arms}: {item.reason}" for item in memory.tried))
-    return "".join(f"; {reason}" for reason in reasons[-4:])
+def _reasons(state: PolicyState) -> str:
+    """The last reasons why wrinkles were abandoned, each once."""
+    reasons = list(dict.fromkeys(f"{item.arms}: {item.reason}" for item in state.tried))
+    return "".join(f"; {reason}" for reason in reasons[-_MOST_REASONS:])
 
 
 def _placed(data: dict[str, Any]) -> dict[str, Any]:

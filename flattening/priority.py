@@ -1,10 +1,10 @@
-"""Which wrinkle comes first. Pure functions of values.
+"""Order of wrinkles. Pure functions of values.
 
-- `volume`: the largest by Eq. 4, the published rule.
-- `pull`, `height`, `length`: the one that asks for the longest pull, stands highest, or is longest.
-- `together`: the one whose section, along which the hands pull, crosses most of all wrinkles: the sum over those that
-  it crosses of the volume times cos^2 of the angle between the section and the way across that wrinkle. A pull along the
-  section takes slack out of all of these at once.
+- `volume`: largest volume first (Eq. 4), the published rule.
+- `pull`, `height`, `length`: longest pull distance, greatest height, or greatest length first.
+- `together`: first the wrinkle whose section, along which the hands pull, crosses the most volume: the sum over all wrinkles
+  that it crosses of the volume times cos^2 of the angle between the section and the direction across that wrinkle. A
+  pull along the section removes slack from all of them at once.
 """
 
 from collections.abc import Iterable, Sequence
@@ -25,10 +25,10 @@ HIGHEST = 95.0
 
 
 def in_order(wrinkles: Iterable[_Seen], order: str) -> list[_Seen]:
-    """Wrinkles as they come, first the one with the most of what `order` names; alike ones stay as they were.
+    """Sort wrinkles, first the one with the greatest value of `order`; equal ones keep their order.
 
     Args:
-        wrinkles: each with an attribute for every one of ORDERS, see `judgement.SeenWrinkle`.
+        wrinkles: each with an attribute for every one of ORDERS, see `judgement.WrinkleFeatures`.
         order: one of ORDERS.
 
     Raises:
@@ -40,17 +40,20 @@ def in_order(wrinkles: Iterable[_Seen], order: str) -> list[_Seen]:
 
 
 def highest_part(wrinkle: Wrinkle) -> float:
-    """Height of the highest part of a ridge over its feet, m: a wrinkle that runs out to the rim is highest there."""
+    """Return the height of the highest part of a ridge above its feet, m: a wrinkle that reaches the rim is highest there."""
     crest = wrinkle.crests[:, 2]
     return wrinkle.peak_height + float(np.percentile(crest, HIGHEST) - np.median(crest))
 
 
 def flattened_together(wrinkles: Sequence[Wrinkle], section: str = "centre") -> list[float]:
-    """Volume, mm^3, of all wrinkles that a pull across each wrinkle works on, times cos^2 of the angle.
+    """Return, for each wrinkle, the volume of all wrinkles that a pull across it flattens, mm^3.
 
     Args:
-        wrinkles: any.
-        section: where the section goes, see `targeting.section_place`.
+        wrinkles: of one garment.
+        section: place of the section, see `targeting.section_place`.
+
+    Returns:
+        Volumes, each times cos^2 of the angle between the section and the direction across that wrinkle.
     """
     volumes = np.exp([wrinkle.volume_score for wrinkle in wrinkles])
     return [
@@ -60,7 +63,7 @@ def flattened_together(wrinkles: Sequence[Wrinkle], section: str = "centre") -> 
 
 
 def _share(pulled: Wrinkle, other: Wrinkle, section: str) -> float:
-    """cos^2 of the angle between a wrinkle's section and the way across another; 0 if it does not cross it."""
+    """Return cos^2 of the angle between a wrinkle's section and the direction across another; 0 if they do not cross."""
     if other is pulled:
         return 1.0
     start = section_start(pulled, section_place(pulled, section))[:2]

@@ -1,4 +1,4 @@
-"""The way back from a grasp that missed."""
+"""Retreat from a missed grasp: the time reversal of the verified approach."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from unwrinkle.planning.trajectory import Trajectory
 
 
 def reversed_in_time(trajectory: Trajectory) -> Trajectory:
-    """The same motion, run backwards.
+    """Return the motion reversed in time.
 
     Sample k of n is sample n-1-k with its velocity negated, and the times between samples are mirrored. The cubic
     between two samples is fixed by their positions and velocities; so the controller runs the mirrored cubics, and at
@@ -22,15 +22,14 @@ def reversed_in_time(trajectory: Trajectory) -> Trajectory:
 
 
 def retreat(approach: Segment) -> Trajectory:
-    """The time reversal of a verified approach: from the grasp pose, grippers open, to where the plan started.
+    """Return the time reversal of a verified approach: from the grasp pose, with open grippers, to the start of the plan.
 
-    The plan's verdict covers it: the configurations are those of the approach, the grippers are as open as they were
-    then, the fingers touch the working table where they did, and bounds on velocity, acceleration and jerk do not ask
-    which way time runs. The strokes of the grippers at the grasp pose are covered too: they open by the way that they
-    closed.
+    The plan's verdict covers it: the configurations are those of the approach, with the same opening of the grippers and the
+    same contacts of the fingers with the table, and bounds on velocity, acceleration and jerk are the same in both directions
+    of time. The strokes of the grippers at the grasp pose are covered too: they open as they closed.
 
     Raises:
-        InputError: the segment is not run with both grippers open from rest to rest.
+        InputError: the segment does not run from rest to rest with both grippers open.
     """
     if any(approach.closed):
         raise InputError("only an approach with open grippers can be run backwards")

@@ -1,19 +1,15 @@
-"""What the supervisor knows, commands and remembers, as one immutable value."""
+"""The supervisor's state as one immutable value, and the feedback that it reads."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Protocol
 
-from unwrinkle.flattening.messages import (
-    Analysed,
-    Perceived,
-    Planned,
-    PlanRequest,
-    Shared,
-    Verified,
-)
-from unwrinkle.flattening.policy import Memory, Pull, Sight, Stop
+from unwrinkle.flattening.flattener import Refusal
+from unwrinkle.flattening.messages import Analysed, Perceived, Planned, PlanRequest, Verified
+from unwrinkle.flattening.observation import Observation
+from unwrinkle.flattening.policy import PolicyState, PullDecision, Stop
 from unwrinkle.flattening.station_messages import (
     ControllerStatus,
     GripperCommand,
@@ -22,31 +18,51 @@ from unwrinkle.flattening.station_messages import (
     TrajectoryCommand,
 )
 from unwrinkle.models.arrays import Array
+from unwrinkle.models.shared import Shared
 from unwrinkle.models.site import Site
 from unwrinkle.planning.trajectory import Trajectory
 
-#: The states. `retreat` is a motion too; `hold` waits for rest after an interrupt.
-LOOK, PERCEIVE, DECIDE, PLAN, CONFIRM = "look", "perceive", "decide", "plan", "confirm"
-MOVE, GRIP, RETREAT, HOLD, DONE, FAULT = "move", "grip", "retreat", "hold", "done", "fault"
-TERMINAL = (DONE, FAULT)
 
-#: How a run stands, or ended.
-RUNNING, FLAT, STOPPED, FAULTED, INTERRUPTED = "running", "flat", "stopped", "fault", "interrupted"
+class Mode(StrEnum):
+    """States of the state machine."""
+
+    LOOK = "look"
+    PERCEIVE = "perceive"
+    DECIDE = "decide"
+    PLAN = "plan"
+    CONFIRM = "confirm"  # the verdict
+    APPROVE = "approve"  # the operator's answer
+    MOVE = "move"
+    GRIP = "grip"
+    RETREAT = "retreat"
+    HOLD = "hold"  # waits for rest after an interrupt
+    DONE = "done"
+    FAULT = "fault"
+
+
+class RunStatus(StrEnum):
+    """How a run stands, or how it ended."""
+
+    RUNNING = "running"
+    FLAT = "flat"
+    STOPPED = "stopped"
+    FAULTED = "fault"
+    INTERRUPTED = "interrupted"
 
 
 @dataclass(frozen=True)
 class SupervisorSettings:
-    """Deadlines on the station's clock, in s, and tolerances.
+    """Deadlines on the station's clock, s, and tolerances.
 
     Attributes:
-        look: from a head command to the exposure: the units' way, the cloth's rest.
+        look: from a head command to the exposure, which waits for the units and the cloth to rest.
         rest: for the arms to come to rest at the start of a segment.
         answer: for perception, planning, verification and the controller to answer by number.
         gripper: for both grippers to have finished a stroke.
         motion: a segment may take this many times its duration, and `answer` more.
         start: largest distance of an axis from a segment's first sample, rad; the controller has its own.
         rest_speed: an axis slower than this is at rest, rad/s.
-        replans: plans anew for one wrinkle because the robot had moved.
+        replans: greatest number of new plans for one wrinkle because the robot had moved.
         speed: share of the planned speed, 0 to 1.
     """
 
@@ -62,7 +78,7 @@ class SupervisorSettings:
 
     @classmethod
     def of_site(cls, site: Site) -> SupervisorSettings:
-        """Deadlines that leave a site's devices the time that they may take."""
+        """Return deadlines that allow for the timeouts of a site's devices."""
         c, cameras = site.controller, site.cameras
         look = cameras.attempts * cameras.timeout + site.pan_tilt.motion_timeout
         return cls(
@@ -77,47 +93,32 @@ class SupervisorSettings:
 
 @dataclass(frozen=True, eq=False)
 class Step(Shared):
-    """A piece of an action.
+    """A step of an action.
 
     Attributes:
         name: approach, close, pull, open, release or retreat.
-        mode: move, grip or retreat.
+        mode: `MOVE`, `GRIP` or `RETREAT`.
         trajectory: of a motion.
         closed: of the grippers, at the end of a stroke.
         dwell: least time for a stroke, s.
     """
 
     name: str
-    mode: str
+    mode: Mode
     trajectory: Trajectory | None = None
     closed: tuple[bool, bool] = (False, False)
     dwell: float = 0.0
 
 
 @dataclass(frozen=True)
-class Refusal(Shared):
-    """A wrinkle for which there was no verified motion.
-
-    Attributes:
-        wrinkle: index in the analysis.
-        arms: dual or single.
-        reason: in words.
-    """
-
-    wrinkle: int
-    arms: str
-    reason: str
-
-
-@dataclass(frozen=True)
 class StepRecord(Shared):
-    """A piece of an action that was carried out; times on the station's clock, s.
+    """Record of an executed step; times on the station's clock, s.
 
     Attributes:
         name: of the step.
         number: of the command.
-        sent: when it was commanded.
-        finished: when the station had done it.
+        sent: time of the command.
+        finished: time at which the station reported it done.
     """
 
     name: str
@@ -128,23 +129,23 @@ class StepRecord(Shared):
 
 @dataclass(frozen=True, eq=False)
 class Action(Shared):
-    """One look and what followed from it; complete once `outcome` is not empty.
+    """One look and what followed; complete once `outcome` is not empty.
 
     Attributes:
         look: number of the head command.
         began: when, on the station's clock, s.
-        perceived: what the look gave.
-        analysed: what was found.
-        sight: what counts of it.
-        pull: what was decided to pull; None where nothing.
-        stop: why nothing was pulled; None where something was.
-        refusals: wrinkles before it for which there was no verified motion.
+        perceived: range map of the look.
+        analysed: its observation, or the reason why there is none.
+        observation: that the policy decided on; None where there is none.
+        pull: decision to pull; None where nothing is pulled.
+        stop: decision to stop; None where something is pulled.
+        refusals: wrinkles before it that could not be pulled.
         planned: the plan.
         verified: its verdict.
-        steps: what was carried out.
+        steps: that were executed.
         outcome: done, missed, blind, flat, stopped, fault or interrupted; empty while it goes on.
         reason: for an outcome that is not `done`.
-        memory: the judgement's, after it.
+        policy_state: after it.
         ended: when, on the station's clock, s.
     """
 
@@ -152,8 +153,8 @@ class Action(Shared):
     began: float = 0.0
     perceived: Perceived | None = None
     analysed: Analysed | None = None
-    sight: Sight | None = None
-    pull: Pull | None = None
+    observation: Observation | None = None
+    pull: PullDecision | None = None
     stop: Stop | None = None
     refusals: tuple[Refusal, ...] = ()
     planned: Planned | None = None
@@ -161,34 +162,33 @@ class Action(Shared):
     steps: tuple[StepRecord, ...] = ()
     outcome: str = ""
     reason: str = ""
-    memory: Memory = field(default_factory=Memory)
+    policy_state: PolicyState = field(default_factory=PolicyState)
     ended: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
-class Situation(Shared):
-    """The supervisor's whole state.
+class SupervisorState(Shared):
+    """State of the supervisor.
 
     Attributes:
-        mode: one of the states.
+        mode: state of the state machine.
         since: when the state, or its command, began on the station's clock, s.
-        sent: the state's command has been given.
-        memory: the judgement's.
+        sent: whether the state's command was sent.
+        policy_state: of the policy.
         head, trajectory, gripper, request: last commands.
-        centre: (3,) world, what to look at next, m.
-        steps: what is left of the action, the current step first.
-        closed: last commanded state of the grippers.
-        replans: plans anew for this wrinkle.
-        action: the current look and what follows from it.
+        centre: (3,) point of the world to look at next, m.
+        steps: remaining steps of the action, the current one first.
+        replans: new plans for this wrinkle.
+        action: the present one.
         finished: the action before; None at first.
         status: running, flat, stopped, fault or interrupted.
         reason: why it ended.
     """
 
-    mode: str = LOOK
+    mode: Mode = Mode.LOOK
     since: float = 0.0
     sent: bool = False
-    memory: Memory = field(default_factory=Memory)
+    policy_state: PolicyState = field(default_factory=PolicyState)
     head: HeadCommand = field(default_factory=HeadCommand)
     trajectory: TrajectoryCommand = field(default_factory=TrajectoryCommand)
     gripper: GripperCommand = field(default_factory=GripperCommand)
@@ -198,22 +198,22 @@ class Situation(Shared):
     replans: int = 0
     action: Action = field(default_factory=Action)
     finished: Action | None = None
-    status: str = RUNNING
+    status: RunStatus = RunStatus.RUNNING
     reason: str = ""
 
     @property
     def over(self) -> bool:
-        """Whether nothing will follow."""
-        return self.mode in TERMINAL
+        """Whether the run has ended."""
+        return self.mode in (Mode.DONE, Mode.FAULT)
 
     @property
     def moving(self) -> bool:
-        """Whether a motion was sent and is not known to have ended."""
-        return self.mode in (MOVE, RETREAT) and self.sent
+        """Whether a motion was sent and has not been reported as ended."""
+        return self.mode in (Mode.MOVE, Mode.RETREAT) and self.sent
 
 
 class Feedback(Protocol):
-    """What the supervisor can ask; each answer is worked out only when it is asked for."""
+    """Inputs of the state machine, each computed only when it is read."""
 
     @property
     def time(self) -> float:
@@ -221,7 +221,7 @@ class Feedback(Protocol):
 
     @property
     def interrupted(self) -> bool:
-        """Whether somebody wants the run to end."""
+        """Whether the run is to end."""
 
     def exposed(self) -> int:
         """Number of the last exposure."""

@@ -1,4 +1,4 @@
-"""The state machine of the loop, as a pure function: what follows from a situation and the station's feedback."""
+"""The state machine of the closed loop: the next supervisor state from the present one and the station's feedback."""
 
 import logging
 from collections.abc import Callable
@@ -7,14 +7,15 @@ from dataclasses import replace
 import numpy as np
 
 from unwrinkle.flattening import policy
-from unwrinkle.flattening import state as states
 from unwrinkle.flattening.execution import Execution
+from unwrinkle.flattening.flattener import NoChoice, Refusal, choose
 from unwrinkle.flattening.messages import PlanRequest
 from unwrinkle.flattening.state import (
     Feedback,
-    Refusal,
-    Situation,
+    Mode,
+    RunStatus,
     SupervisorSettings,
+    SupervisorState,
 )
 from unwrinkle.flattening.station_messages import HeadCommand
 from unwrinkle.flattening.transitions import at_rest, ended, entered, fault, finished, held, stopped
@@ -22,47 +23,60 @@ from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.stereo.head import Gaze
+from unwrinkle.planning.plan import FlatteningPlan
+from unwrinkle.planning.verification.verdict import Verdict
 
 #: Gaze at a point (3,) of the world with the turn-table at an angle (rad); InputError where no eye can look there.
 GazeAt = Callable[[np.ndarray, float], Gaze]
+#: Asks the operator about a verified plan; returns why it must not be executed, or an empty text.
+Approve = Callable[[FlatteningPlan, Verdict], str]
 
 _log = logging.getLogger(__name__)
 
 
-class Procedure:
+class StateMachine:
     """Look, perceive, decide, plan, confirm, carry out, and look again."""
 
-    def __init__(self, rules: LoopSettings, settings: SupervisorSettings, gaze_at: GazeAt) -> None:
-        """Take what does not change in a run.
+    def __init__(
+        self,
+        rules: LoopSettings,
+        settings: SupervisorSettings,
+        gaze_at: GazeAt,
+        approve: Approve | None = None,
+    ) -> None:
+        """Keep what does not change in a run.
 
         Args:
-            rules: of the judgement.
+            rules: of the policy.
             settings: deadlines and tolerances.
-            gaze_at: where the head has to look to see a point.
+            gaze_at: gaze of the head at a point.
+            approve: asked about each verified plan before it is executed; None approves.
         """
         self._rules, self._settings, self._gaze_at = rules, settings, gaze_at
+        self._approve = approve
         self._execution = Execution(settings)
         self._states = {
-            states.LOOK: self._look,
-            states.PERCEIVE: self._perceive,
-            states.DECIDE: self._decide,
-            states.PLAN: self._plan,
-            states.CONFIRM: self._confirm,
-            states.MOVE: self._carry_out,
-            states.RETREAT: self._carry_out,
-            states.GRIP: self._carry_out,
-            states.HOLD: self._hold,
+            Mode.LOOK: self._look,
+            Mode.PERCEIVE: self._perceive,
+            Mode.DECIDE: self._decide,
+            Mode.PLAN: self._plan,
+            Mode.CONFIRM: self._confirm,
+            Mode.APPROVE: self._ask,
+            Mode.MOVE: self._carry_out,
+            Mode.RETREAT: self._carry_out,
+            Mode.GRIP: self._carry_out,
+            Mode.HOLD: self._hold,
         }
 
-    def next(self, now: Situation, feedback: Feedback) -> Situation:
-        """Return the situation one feedback period on; the same object where nothing has changed."""
+    def next(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
+        """Return the state one feedback period later; the same object where nothing has changed."""
         if now.over:
             return now
-        if feedback.interrupted and now.mode != states.HOLD:
+        if feedback.interrupted and now.mode != Mode.HOLD:
             return self._interrupt(now, feedback)
         return self._states[now.mode](now, feedback)
 
-    def _look(self, now: Situation, feedback: Feedback) -> Situation:
+    def _look(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
         if not now.sent:
             if not at_rest(feedback, self._settings):
                 if feedback.time - now.since > self._settings.rest:
@@ -78,13 +92,13 @@ class Procedure:
             head = HeadCommand(now.head.number + 1, gaze)
             return replace(now, head=head, sent=True, since=feedback.time)
         if feedback.exposed() == now.head.number:
-            return entered(now, states.PERCEIVE, feedback)
+            return entered(now, Mode.PERCEIVE, feedback)
         waited = feedback.time - now.since
         if waited > self._settings.look:
             return self._blind(now, feedback, f"no camera answered within {waited:.0f} s")
         return now
 
-    def _perceive(self, now: Situation, feedback: Feedback) -> Situation:
+    def _perceive(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
         action = now.action
         if action.perceived is None:
             perceived = feedback.perceived()
@@ -100,46 +114,52 @@ class Procedure:
             return self._late(now, feedback, "the analysis")
         action = replace(action, analysed=analysed)
         now = replace(now, action=action)
-        if analysed.analysis is None:
+        if analysed.observation is None:
             return self._blind(now, feedback, analysed.reason)
-        sight = policy.sight_of(analysed.analysis)
-        memory = policy.looked(now.memory, sight, self._rules)
-        centre = garment_centre(analysed.analysis.range_map)
+        observation = analysed.observation
+        policy_state = policy.after_observation(now.policy_state, observation.features, self._rules)
         now = replace(
-            now, memory=memory, centre=centre, action=replace(action, sight=sight), replans=0
+            now,
+            policy_state=policy_state,
+            centre=garment_centre(observation.analysis.range_map),
+            action=replace(action, observation=observation),
+            replans=0,
         )
-        return entered(now, states.DECIDE, feedback)
+        return entered(now, Mode.DECIDE, feedback)
 
-    def _decide(self, now: Situation, feedback: Feedback) -> Situation:
-        assert now.action.sight is not None
-        decision = policy.decide(now.action.sight, now.memory, self._rules)
-        if isinstance(decision, policy.Stop):
-            return stopped(now, decision, feedback)
+    def _decide(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
+        """Choose a wrinkle with a target, and request a plan for it."""
+        observation = now.action.observation
+        assert observation is not None
+        chosen = choose(observation, now.policy_state, self._rules)
+        refusals = (*now.action.refusals, *chosen.refusals)
+        now = replace(now, policy_state=chosen.state, action=replace(now.action, refusals=refusals))
+        if isinstance(chosen, NoChoice):
+            return stopped(now, chosen.stop, feedback)
+        decision = chosen.decision
         _log.info("wrinkle %d, %s", decision.wrinkle.index + 1, decision.arms)
-        return self._request(replace(now, action=replace(now.action, pull=decision)), feedback)
+        now = replace(now, action=replace(now.action, pull=decision))
+        garment = observation.garment(decision.wrinkle.index)
+        request = PlanRequest(0, chosen.target, decision.arms, garment=garment)
+        return self._request(now, request, feedback)
 
-    def _request(self, now: Situation, feedback: Feedback) -> Situation:
-        pull = now.action.pull
-        assert pull is not None
-        request = PlanRequest(
-            now.request.number + 1,
-            now.action.look,
-            pull.wrinkle.index,
-            pull.arms,
-            feedback.positions(),
-        )
-        return entered(replace(now, request=request), states.PLAN, feedback)
+    def _request(
+        self, now: SupervisorState, request: PlanRequest, feedback: Feedback
+    ) -> SupervisorState:
+        """Send a request under a new number, from where the robot stands."""
+        request = replace(request, number=now.request.number + 1, start=feedback.positions())
+        return entered(replace(now, request=request), Mode.PLAN, feedback)
 
-    def _plan(self, now: Situation, feedback: Feedback) -> Situation:
+    def _plan(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
         planned = feedback.planned()
         if planned.number != now.request.number:
             return self._late(now, feedback, "planning")
         now = replace(now, action=replace(now.action, planned=planned))
         if planned.result is None or planned.result.plan is None:
             return self._refused(now, feedback, planned.reason)
-        return entered(now, states.CONFIRM, feedback)
+        return entered(now, Mode.CONFIRM, feedback)
 
-    def _confirm(self, now: Situation, feedback: Feedback) -> Situation:
+    def _confirm(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
         """Send nothing without a passing verdict on this very plan, from where the robot stands."""
         planned = now.action.planned
         assert planned is not None and planned.result is not None
@@ -169,23 +189,41 @@ class Procedure:
                     "new plans still; what moves it?",
                     feedback,
                 )
-            return self._request(replace(now, replans=now.replans + 1), feedback)
+            now = replace(now, replans=now.replans + 1)
+            return self._request(now, now.request, feedback)
+        if self._approve is not None and now.mode != Mode.APPROVE:
+            return entered(now, Mode.APPROVE, feedback)
         return self._execution.begin(now, feedback, plan)
 
-    def _carry_out(self, now: Situation, feedback: Feedback) -> Situation:
+    def _ask(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
+        """Ask the operator about the verified plan; confirm it again after the answer."""
+        planned, verified = now.action.planned, now.action.verified
+        assert planned is not None and planned.result is not None and self._approve is not None
+        assert verified is not None and verified.verdict is not None
+        plan = planned.result.plan
+        assert plan is not None
+        refusal = self._approve(plan, verified.verdict)
+        if refusal:
+            return self._refused(now, feedback, f"not approved: {refusal}")
+        return self._confirm(now, feedback)
+
+    def _carry_out(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
         now = self._execution.next(now, feedback)
-        if now.mode != states.LOOK:
+        if now.mode != Mode.LOOK:
             return now
         action = now.action
-        assert action.pull is not None and action.sight is not None
-        missed = action.outcome == "missed"
-        memory = policy.carried_out(
-            now.memory, action.pull, action.sight, self._rules, missed=missed
+        assert action.pull is not None and action.observation is not None
+        policy_state = policy.after_action(
+            now.policy_state,
+            action.pull,
+            action.observation.features,
+            self._rules,
+            missed=action.outcome == "missed",
         )
-        return finished(now, memory, action.outcome or "done", action.reason, feedback)
+        return finished(now, policy_state, action.outcome or "done", action.reason, feedback)
 
-    def _refused(self, now: Situation, feedback: Feedback, reason: str) -> Situation:
-        """Leave a wrinkle without a verified motion aside, and decide again."""
+    def _refused(self, now: SupervisorState, feedback: Feedback, reason: str) -> SupervisorState:
+        """Leave a wrinkle without a safe motion aside, and decide again."""
         pull = now.action.pull
         assert pull is not None
         _log.info("wrinkle %d, %s: %s", pull.wrinkle.index + 1, pull.arms, reason)
@@ -197,30 +235,32 @@ class Procedure:
             planned=None,
             verified=None,
         )
-        memory = policy.unplannable(now.memory, pull, reason)
-        now = replace(now, action=action, memory=memory, replans=0)
-        return entered(now, states.DECIDE, feedback)
+        policy_state = policy.after_refusal(now.policy_state, pull, reason)
+        now = replace(now, action=action, policy_state=policy_state, replans=0)
+        return entered(now, Mode.DECIDE, feedback)
 
-    def _blind(self, now: Situation, feedback: Feedback, reason: str) -> Situation:
+    def _blind(self, now: SupervisorState, feedback: Feedback, reason: str) -> SupervisorState:
         perceived = now.action.perceived
         empty, unseen = (False, 0.0) if perceived is None else (perceived.empty, perceived.unseen)
-        memory, stop = policy.blinded(now.memory, reason, empty=empty, unseen=unseen)
-        now = replace(now, memory=memory)
+        policy_state, stop = policy.after_blind_look(
+            now.policy_state, reason, self._rules, empty=empty, unseen=unseen
+        )
+        now = replace(now, policy_state=policy_state)
         if stop is not None:
             return stopped(now, stop, feedback)
-        return finished(now, memory, "blind", reason, feedback)
+        return finished(now, policy_state, "blind", reason, feedback)
 
-    def _late(self, now: Situation, feedback: Feedback, who: str) -> Situation:
+    def _late(self, now: SupervisorState, feedback: Feedback, who: str) -> SupervisorState:
         if feedback.time - now.since <= self._settings.answer:
             return now
         return fault(now, f"{who} did not answer within {self._settings.answer:g} s", feedback)
 
-    def _interrupt(self, now: Situation, feedback: Feedback) -> Situation:
+    def _interrupt(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
         """Hold what moves; the rest of the action is dropped."""
         moved = now.moving
-        return replace(entered(held(now), states.HOLD, feedback), sent=moved, steps=())
+        return replace(entered(held(now), Mode.HOLD, feedback), sent=moved, steps=())
 
-    def _hold(self, now: Situation, feedback: Feedback) -> Situation:
+    def _hold(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
         waited = feedback.time - now.since
         least = self._settings.answer if now.sent else 0.0  # so long a hold may take to arrive
         if waited < least:
@@ -230,7 +270,7 @@ class Procedure:
             if waited < least + self._settings.rest:
                 return now
             reason = "interrupted; the arms did not come to rest in time"
-        return ended(now, states.DONE, states.INTERRUPTED, reason, feedback)
+        return ended(now, Mode.DONE, RunStatus.INTERRUPTED, reason, feedback)
 
 
 def garment_centre(range_map: RangeMap) -> tuple[float, float, float]:

@@ -1,13 +1,13 @@
-"""What travels through the station's ports: the contract that every form of the station keeps.
+"""Messages at the ports of the station: the contract that every form of the station keeps.
 
-A `FlatteningStation` has these ports, whatever stands behind it:
+A station has these ports, in simulation and on the robot:
 
 ==============================  =====================  ===========================================
 input                           type                   meaning
 ==============================  =====================  ===========================================
 `trajectory`                    `TrajectoryCommand`    motion of all thirteen axes, or hold
 `gripper.command`               `GripperCommand`       close or open
-`head.command`                  `HeadCommand`          look there, then expose every camera once
+`head.command`                  `HeadCommand`          gaze, then one exposure of every camera
 `speed_override`                vector (1,)            0 to 1, share of the planned speed
 ==============================  =====================  ===========================================
 
@@ -24,9 +24,8 @@ output                          type                   meaning
 `depth_camera.image`            `DepthImage`           of the last exposure
 ==============================  =====================  ===========================================
 
-Commands carry a number that their sender counts up: a command whose number was seen before is no
-new one. Images stay as they are until the next exposure, so that whatever is computed from them is
-computed once.
+Commands carry a number that their sender counts up; a command with a known number is ignored. Images do not change
+until the next exposure, so that everything computed from them is computed once.
 """
 
 from dataclasses import dataclass, field
@@ -35,21 +34,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.shared import Shared
 from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.perception.stereo.head import Gaze
 from unwrinkle.planning.trajectory import Trajectory
 
-#: What the controller does.
+#: States of the controller.
 IDLE, RUNNING, HOLDING, FAULT = "idle", "running", "holding", "fault"
 
 
 @dataclass(frozen=True, eq=False)
-class TrajectoryCommand:
-    """Run a trajectory from where the robot rests, or hold.
+class TrajectoryCommand(Shared):
+    """Command to run a trajectory from rest, or to hold.
 
     Attributes:
         number: counts up with every new command; 0 is none.
-        trajectory: all thirteen axes; None holds: a braking motion along the path, then rest.
+        trajectory: of all axes; None holds: braking along the path, then rest.
         name: for messages.
     """
 
@@ -59,15 +59,15 @@ class TrajectoryCommand:
 
 
 @dataclass(frozen=True)
-class ControllerStatus:
-    """What the controller says, at its feedback rate.
+class ControllerStatus(Shared):
+    """Status of the controller, at its feedback rate.
 
     Attributes:
         state: `idle`, `running`, `holding` or `fault`.
         command: number of the last command that was accepted or refused.
         completed: number of the last command whose trajectory was run to its end.
         progress: time along the running trajectory, s.
-        reason: why it refused the last command, holds, or is in fault; else empty.
+        reason: of a refusal of the last command, of a hold or a fault; else empty.
     """
 
     state: str = IDLE
@@ -83,8 +83,8 @@ class ControllerStatus:
 
 
 @dataclass(frozen=True)
-class GripperCommand:
-    """Close or open the right and the left gripper.
+class GripperCommand(Shared):
+    """Command to close or open the right and the left gripper.
 
     Attributes:
         number: counts up with every new command; 0 is none.
@@ -96,15 +96,15 @@ class GripperCommand:
 
 
 @dataclass(frozen=True)
-class GripperStatus:
-    """What the grippers say.
+class GripperStatus(Shared):
+    """Status of the grippers.
 
     Attributes:
         command: number of the last command that both grippers have finished.
         opening: distance between the blades, right and left, m.
-        closed: whether it has been closed, right and left.
-        holding: whether it has cloth between its blades, right and left.
-        reason: why a gripper does not answer or does not move; else empty.
+        closed: whether it is closed, right and left.
+        holding: whether there is cloth between its blades, right and left.
+        reason: of a gripper that does not answer or does not move; else empty.
     """
 
     command: int = 0
@@ -115,8 +115,8 @@ class GripperStatus:
 
 
 @dataclass(frozen=True)
-class HeadCommand:
-    """Turn both eyes to a gaze and, at rest there, expose every camera once.
+class HeadCommand(Shared):
+    """Command to turn both eyes to a gaze and, at rest there, to expose every camera once.
 
     Attributes:
         number: counts up with every new command; 0 is none.
@@ -128,13 +128,13 @@ class HeadCommand:
 
 
 @dataclass(frozen=True, eq=False)
-class HeadImage:
-    """One eye's picture.
+class HeadImage(Shared):
+    """Picture of one eye.
 
     Attributes:
         number: of the head command that it answers; 0 before the first.
-        pixels: (h, w, 3) uint8 RGB; None where there is no picture.
-        gaze: that the units reported at the exposure, with the turn-table's measured angle.
+        pixels: (h, w, 3) uint8 RGB; None without a picture.
+        gaze: reported by the units at the exposure, with the measured angle of the turn-table.
         time: of the exposure on the station's clock, s.
         reason: why there is no picture; else empty.
     """
@@ -147,8 +147,8 @@ class HeadImage:
 
 
 @dataclass(frozen=True, eq=False)
-class DepthImage:
-    """The depth camera's picture.
+class DepthImage(Shared):
+    """Picture of the depth camera.
 
     Attributes:
         number: of the head command that it answers; 0 before the first.

@@ -25,6 +25,13 @@ class VerifiedResult:
     verdict: Verdict | None
     refused: tuple[Verdict, ...] = ()
 
+    @property
+    def reason(self) -> str:
+        """Why there is no verified plan; empty where there is one."""
+        if self.verdict is not None:
+            return ""
+        return "no motion" if self.result.failure is None else self.result.failure.message
+
 
 def plan_verified(
     planner: FlatteningPlanner,

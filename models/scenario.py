@@ -117,6 +117,47 @@ class LoopSettings:
     least_gain: float = 0.10
     # Attempts at a grasp that misses, before the next wrinkle.
     grasp_attempts: int = 2
+    # Actions in a row without effect, after which the wrinkle is abandoned; only one arm pulls; the loop stops.
+    idle_next_wrinkle: int = 2
+    idle_one_arm: int = 3
+    idle_stop: int = 4
+    # Looks in a row without a usable observation, after which the loop stops.
+    blind_looks: int = 2
+    # Greatest thickness of one layer of a garment, m: a sensor that resolves no less sees nothing of a flat garment.
+    thickest_layer: float = 0.003
+    # A garment with more than this share of its visible area beyond the table's edges is not pulled.
+    most_beyond_table: float = 0.5
+    # A garment with more than this share of its outline along the table's edges hangs over them and is not flat.
+    most_along_edge: float = 0.22
+    # Heights within this multiple of the sensor's standard deviation are no reason to pull.
+    noise_multiple: float = 2.0
+    # Two looks show the same wrinkle if its centre moved less than this, m, and it turned less than this, rad.
+    same_wrinkle_distance: float = 0.05
+    same_wrinkle_angle: float = 0.6
+
+    def validate_thresholds(self) -> None:
+        """Refuse thresholds of the policy that no run can have.
+
+        Raises:
+            InputError: naming the setting and its range.
+        """
+        counts = ("idle_next_wrinkle", "idle_one_arm", "idle_stop", "blind_looks")
+        for key in counts:
+            if not 1 <= getattr(self, key) <= 100:
+                raise InputError(f"scenario: loop {key} is {getattr(self, key)}; give 1 to 100")
+        ranges = {
+            "thickest_layer": 0.05,
+            "most_beyond_table": 1.0,
+            "most_along_edge": 1.0,
+            "noise_multiple": 100.0,
+            "same_wrinkle_distance": 1.0,
+            "same_wrinkle_angle": 1.6,
+        }
+        for key, most in ranges.items():
+            if not 0.0 <= getattr(self, key) <= most:
+                raise InputError(
+                    f"scenario: loop {key} is {getattr(self, key):g}; give 0 to {most:g}"
+                )
 
 
 @dc.dataclass
@@ -241,6 +282,7 @@ class Scenario:
             )
         if not 0.0 <= self.loop.least_gain < 1.0:
             raise InputError(f"scenario: loop least_gain is {self.loop.least_gain:g}; give 0 to 1")
+        self.loop.validate_thresholds()
         if not 20 <= self.station.garment.nodes <= 200:
             raise InputError(
                 f"scenario: garment nodes is {self.station.garment.nodes}; give 20 to 200"

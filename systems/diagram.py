@@ -4,18 +4,19 @@ from dataclasses import dataclass
 
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 
-from unwrinkle.flattening.policy import Memory
-from unwrinkle.flattening.state import Situation, SupervisorSettings
+from unwrinkle.flattening.policy import PolicyState
+from unwrinkle.flattening.state import SupervisorSettings, SupervisorState
+from unwrinkle.flattening.state_machine import Approve
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.stereo.head import StereoHead
 from unwrinkle.planning.search.settings import PlannerSettings
-from unwrinkle.systems.perception.analysis import WrinkleAnalysis
-from unwrinkle.systems.perception.depth import DepthPerception
-from unwrinkle.systems.perception.ground_truth import TruePerception
-from unwrinkle.systems.perception.stereo import StereoPerception
-from unwrinkle.systems.planning.planner import FlatteningPlanner
-from unwrinkle.systems.planning.verification import Approve, PlanVerification
+from unwrinkle.systems.perception.analysis import AnalysisSystem
+from unwrinkle.systems.perception.depth import DepthPerceptionSystem
+from unwrinkle.systems.perception.ground_truth import TruePerceptionSystem
+from unwrinkle.systems.perception.stereo import StereoPerceptionSystem
+from unwrinkle.systems.planning.planner import PlannerSystem
+from unwrinkle.systems.planning.verification import VerificationSystem
 from unwrinkle.systems.station.world import SimulatedStation
 from unwrinkle.systems.supervisor import FlatteningSupervisor
 
@@ -28,7 +29,6 @@ WIRES = (
     (PERCEPTION, "range_map", ANALYSIS, "range_map"),
     (PERCEPTION, "exposed", SUPERVISOR, "exposed"),
     (PERCEPTION, "range_map", SUPERVISOR, "range_map"),
-    (ANALYSIS, "analysis", PLANNER, "analysis"),
     (ANALYSIS, "analysis", SUPERVISOR, "analysis"),
     (SUPERVISOR, "request", PLANNER, "request"),
     (PLANNER, "plan", VERIFICATION, "plan"),
@@ -73,7 +73,7 @@ def build_flattening_diagram(
     *,
     settings: SupervisorSettings | None = None,
     planner: PlannerSettings | None = None,
-    memory: Memory | None = None,
+    policy_state: PolicyState | None = None,
     approve: Approve | None = None,
     seed: int = 0,
 ) -> Diagram:
@@ -85,8 +85,8 @@ def build_flattening_diagram(
         head: as calibrated; what perception believes.
         settings: of the supervisor.
         planner: settings of the planner.
-        memory: of a run that goes on.
-        approve: asked about each verified plan; None approves.
+        policy_state: of a resumed run.
+        approve: asks the operator about each verified plan; None approves.
         seed: of perception's random choices.
 
     Raises:
@@ -99,13 +99,15 @@ def build_flattening_diagram(
     builder = DiagramBuilder()
     kind = cell.scenario.sensor.kind
     perception = _perception(cell, station, head, seed)
-    supervisor = FlatteningSupervisor(cell, head, settings=settings, memory=memory)
+    supervisor = FlatteningSupervisor(
+        cell, head, settings=settings, policy_state=policy_state, approve=approve
+    )
     systems = {
         STATION: station,
         PERCEPTION: perception,
-        ANALYSIS: WrinkleAnalysis(cell),
-        PLANNER: FlatteningPlanner(cell, planner),
-        VERIFICATION: PlanVerification(cell, approve),
+        ANALYSIS: AnalysisSystem(cell),
+        PLANNER: PlannerSystem(cell, planner),
+        VERIFICATION: VerificationSystem(cell),
         SUPERVISOR: supervisor,
     }
     for name, system in systems.items():
@@ -124,20 +126,20 @@ def build_flattening_diagram(
 def _perception(cell: Cell, station: Diagram, head: StereoHead, seed: int) -> LeafSystem:
     kind = cell.scenario.sensor.kind
     if kind == "stereo":
-        return StereoPerception(cell, head, seed=seed)
+        return StereoPerceptionSystem(cell, head, seed=seed)
     if kind == "depth":
-        return DepthPerception(cell, seed=seed)
+        return DepthPerceptionSystem(cell, seed=seed)
     if not isinstance(station, SimulatedStation):
         raise InputError("sensor truth: only a simulated cloth is known; choose stereo or depth")
     state = station.GetOutputPort("truth.cloth").Allocate().get_value()
-    return TruePerception(station.cloth, state, seed=seed)
+    return TruePerceptionSystem(station.cloth, state, seed=seed)
 
 
-def situation(diagram: Diagram, context: Context) -> Situation:
+def supervisor_state(diagram: Diagram, context: Context) -> SupervisorState:
     """What the supervisor of a diagram knows, does and remembers; `context` is the diagram's."""
     supervisor = diagram.GetSubsystemByName(SUPERVISOR)
     assert isinstance(supervisor, FlatteningSupervisor)
-    return supervisor.situation(supervisor.GetMyContextFromRoot(context))
+    return supervisor.supervisor_state(supervisor.GetMyContextFromRoot(context))
 
 
 def links(diagram: Diagram) -> tuple[Link, ...]:

@@ -9,9 +9,9 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from unwrinkle.flattening.messages import Analysed, Perceived, Planned, PlanRequest, Verified
-from unwrinkle.flattening.policy import Memory
-from unwrinkle.flattening.state import Action, Situation, SupervisorSettings
-from unwrinkle.flattening.state_machine import GazeAt, Procedure
+from unwrinkle.flattening.policy import PolicyState
+from unwrinkle.flattening.state import Action, SupervisorSettings, SupervisorState
+from unwrinkle.flattening.state_machine import Approve, GazeAt, StateMachine
 from unwrinkle.flattening.station_messages import (
     ControllerStatus,
     GripperCommand,
@@ -52,7 +52,7 @@ class FlatteningSupervisor(LeafSystem):
     evaluated only in the state that needs it: since all answers are worked out on demand, nothing is computed otherwise.
 
     Outputs: `trajectory`, `gripper.command`, `head.command`, `speed_override`, `request` (`PlanRequest`), and `state`
-    (`Situation`) for recorders. They depend on the state alone, which changes once per feedback period.
+    (`SupervisorState`) for recorders. They depend on the state alone, which changes once per feedback period.
 
     A trajectory is sent only if its plan has a passing verdict for the same content hash, and from where the robot rests.
     Faults latch: the state machine has no way out of `fault`.
@@ -64,30 +64,32 @@ class FlatteningSupervisor(LeafSystem):
         head: StereoHead,
         *,
         settings: SupervisorSettings | None = None,
-        memory: Memory | None = None,
+        policy_state: PolicyState | None = None,
+        approve: Approve | None = None,
     ) -> None:
         """Declare the ports.
 
         Args:
-            cell: its scenario gives the judgement's rules, the feedback period, and where the garment is expected.
+            cell: its scenario gives the policy's rules, the feedback period, and where the garment is expected.
             head: whose gaze is commanded.
             settings: deadlines and tolerances.
-            memory: of a run that goes on; its looks are counted on.
+            policy_state: of a resumed run; its looks are counted on.
+            approve: asks the operator about each verified plan; None approves.
         """
         super().__init__()
         settings = settings or SupervisorSettings()
-        memory = memory or Memory()
+        policy_state = policy_state or PolicyState()
         scenario = cell.scenario
         x, y = scenario.garment_centre
-        first = Situation(
-            memory=memory,
-            head=HeadCommand(memory.looks),
+        first = SupervisorState(
+            policy_state=policy_state,
+            head=HeadCommand(policy_state.looks),
             centre=(float(x), float(y), cell.table.height),
-            action=Action(look=memory.looks + 1, memory=memory),
+            action=Action(look=policy_state.looks + 1, policy_state=policy_state),
         )
         self._speed = settings.speed
-        self._first_look = memory.looks
-        self._procedure = Procedure(scenario.loop, settings, _gaze_at(head))
+        self._first_look = policy_state.looks
+        self._state_machine = StateMachine(scenario.loop, settings, _gaze_at(head), approve)
         self._state = self.DeclareAbstractState(AbstractValue.Make(first))
         self.DeclarePeriodicUnrestrictedUpdateEvent(
             scenario.station.feedback_period, 0.0, self._update
@@ -97,7 +99,7 @@ class FlatteningSupervisor(LeafSystem):
         for name, size in _VECTORS.items():
             self.DeclareVectorInputPort(name, size)
         ticket = {self.abstract_state_ticket(self._state)}
-        outputs: dict[str, tuple[Any, Callable[[Situation], Any]]] = {
+        outputs: dict[str, tuple[Any, Callable[[SupervisorState], Any]]] = {
             "trajectory": (TrajectoryCommand(), lambda now: now.trajectory),
             "gripper.command": (GripperCommand(), lambda now: now.gripper),
             "head.command": (HeadCommand(), self._head_command),
@@ -110,18 +112,20 @@ class FlatteningSupervisor(LeafSystem):
             )
         self.DeclareVectorOutputPort("speed_override", 1, self._speed_override, ticket)
 
-    def situation(self, context: Context) -> Situation:
+    def supervisor_state(self, context: Context) -> SupervisorState:
         """The state, of this system's own context."""
-        found: Situation = context.get_abstract_state(self._state).get_value()
+        found: SupervisorState = context.get_abstract_state(self._state).get_value()
         return found
 
-    def _head_command(self, now: Situation) -> HeadCommand:
+    def _head_command(self, now: SupervisorState) -> HeadCommand:
         """No command before the first look, also where looks of an earlier run were counted."""
         return now.head if now.head.number > self._first_look else replace(now.head, number=0)
 
-    def _reader(self, part: Callable[[Situation], Any]) -> Callable[[Context, AbstractValue], None]:
+    def _reader(
+        self, part: Callable[[SupervisorState], Any]
+    ) -> Callable[[Context, AbstractValue], None]:
         def read(context: Context, output: AbstractValue) -> None:
-            output.set_value(part(self.situation(context)))
+            output.set_value(part(self.supervisor_state(context)))
 
         return read
 
@@ -129,8 +133,8 @@ class FlatteningSupervisor(LeafSystem):
         output.SetAtIndex(0, self._speed)
 
     def _update(self, context: Context, state: State) -> None:
-        now = self.situation(context)
-        following = self._procedure.next(now, _Ports(self, context))
+        now = self.supervisor_state(context)
+        following = self._state_machine.next(now, _Ports(self, context))
         if following is not now:
             state.get_mutable_abstract_state(self._state).set_value(following)
 

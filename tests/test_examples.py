@@ -8,7 +8,7 @@ import pytest
 
 pytestmark = pytest.mark.alone
 
-EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("[0-9]*.py"))
+EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
 
 
 @pytest.mark.end_to_end

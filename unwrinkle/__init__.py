@@ -1,5 +1,19 @@
-"""unwrinkle: planning and verification of dual-arm garment flattening."""
+"""unwrinkle: planning and verification of two-arm garment flattening.
+
+    import unwrinkle as uw
+
+    cell = uw.load_cell()
+    flattener = uw.Flattener(cell)
+    seen = flattener.observe(uw.load_capture("depth.png", camera="xtion-pro-live"))
+    proposal = flattener.propose(seen)
+
+The names of this package, and of its subpackages, are imported when they are first used.
+"""
 
 from importlib.metadata import version
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 __version__ = version("unwrinkle")

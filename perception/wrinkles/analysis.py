@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -36,8 +36,6 @@ class Analysis:
         surface: the garment's fitted surface, on a grid of its own.
         ridge_points: mask of ridge points, on the surface's grid.
         wrinkles: largest (by volume score) first.
-        target: what to do about the largest wrinkle that can be grasped, or why there is nothing.
-        target_index: which of `wrinkles` the target is for; None without a target.
         table: the working table; grasp points stay on it.
         section, pull: of targets, see `flattening_target`.
     """
@@ -48,8 +46,6 @@ class Analysis:
     surface: Surface
     ridge_points: NDArray[np.bool_]
     wrinkles: tuple[Wrinkle, ...]
-    target: FlatteningTarget | NoTarget
-    target_index: int | None
     table: Table
     section: str = "centre"
     pull: str = "wrinkle"
@@ -58,17 +54,6 @@ class Analysis:
     def halting_measure(self) -> float:
         """Largest pull distance (Eq. 5 in this mode) over the wrinkles, metres; 0 without any."""
         return max((w.pull_distance(self.mode) for w in self.wrinkles), default=0.0)
-
-    @property
-    def worth_pulling(self) -> list[int]:
-        """Indices of the wrinkles at or above the profile's halting pull, largest first."""
-        halting = self.profile.halting_pull
-        return [i for i, w in enumerate(self.wrinkles) if w.pull_distance(self.mode) >= halting]
-
-    @property
-    def flat(self) -> bool:
-        """Whether every wrinkle is below the profile's halting pull: the garment is done."""
-        return self.halting_measure < self.profile.halting_pull
 
     @property
     def share_beyond_table(self) -> float:
@@ -135,22 +120,8 @@ class Analysis:
             table=self.table,
         )
 
-    def targets(self) -> list[tuple[int, FlatteningTarget]]:
-        """All targets, (index, target), of wrinkles above the halting pull, largest first."""
-        found = []
-        for index in self.worth_pulling:
-            target = self.target_for(index)
-            if isinstance(target, FlatteningTarget):
-                found.append((index, target))
-        return found
-
     def to_json(self, *, points: bool = False) -> dict[str, Any]:
         """Return the result as plain data; the wrinkles' point lists only if asked for."""
-        target: dict[str, Any]
-        if isinstance(self.target, FlatteningTarget):
-            target = {**self.target.to_json(), "wrinkle": self.target_index}
-        else:
-            target = {"none": self.target.reason, "flat": self.target.flat}
         return {
             "format": "unwrinkle.analysis",
             "version": 1,
@@ -160,9 +131,7 @@ class Analysis:
             "mode": self.mode,
             "halting_pull": self.profile.halting_pull,
             "halting_measure": self.halting_measure,
-            "flat": self.flat,
             "wrinkles": [wrinkle.to_json(points=points) for wrinkle in self.wrinkles],
-            "target": target,
         }
 
 
@@ -200,36 +169,14 @@ def analyse(
         for wrinkle in wrinkles_of(line, surface, profile, range_map.table_height)
     ]
     wrinkles.sort(key=lambda wrinkle: -wrinkle.volume_score)
-    nothing = NoTarget("no target was sought")
-    found = Analysis(
+    return Analysis(
         range_map=range_map,
         profile=profile,
         mode=mode,
         surface=surface,
         ridge_points=ridge,
         wrinkles=tuple(wrinkles),
-        target=nothing,
-        target_index=None,
         table=table,
         section=section,
         pull=pull,
     )
-    target, index = _first_target(found)
-    return replace(found, target=target, target_index=index)
-
-
-def _first_target(analysis: Analysis) -> tuple[FlatteningTarget | NoTarget, int | None]:
-    """Target of the largest wrinkle above the halting pull that can be grasped."""
-    first: NoTarget | None = None
-    for index in analysis.worth_pulling:
-        target = analysis.target_for(index)
-        if isinstance(target, FlatteningTarget):
-            return target, index
-        first = first or target
-    if first is not None:
-        return first, None
-    reason = (
-        f"the garment is flat: {len(analysis.wrinkles)} wrinkles, none asks for a pull of "
-        f"{analysis.profile.halting_pull:.4f} m or more (largest {analysis.halting_measure:.4f} m)"
-    )
-    return NoTarget(reason, flat=True), None

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.shared import Shared
 from unwrinkle.simulation.arms.track import Track
 
 IDLE, RUNNING, HOLDING, FAULT = "idle", "running", "holding", "fault"
@@ -63,7 +64,7 @@ class PlayerSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class PlayerState:
+class PlayerState(Shared):
     """What the player knows between two steps.
 
     Attributes:

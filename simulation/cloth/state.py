@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from unwrinkle.models.archive import load_archive, save_archive
 from unwrinkle.models.errors import InputError, UnwrinkleError
+from unwrinkle.models.shared import Shared
 
 HANDS = ("right", "left")
 
@@ -69,7 +70,7 @@ Grips = tuple[Grip | None, Grip | None]
 
 
 @dataclass(frozen=True, eq=False)
-class ClothState:
+class ClothState(Shared):
     """The whole state of a cloth of S = nx * ny nodes; node (i, j) is number i * ny + j.
 
     Attributes:

@@ -1,38 +1,24 @@
-"""From the range map to the wrinkles: computed when asked for, once per look."""
+"""Analysis as a system: the range map to the observation that the policy decides on."""
 
 import logging
 import time
 
-from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import Context, LeafSystem
-
 from unwrinkle.flattening.messages import Analysed, Perceived
+from unwrinkle.flattening.perceiving import observation_of
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
-from unwrinkle.perception.wrinkles.analysis import analyse
-from unwrinkle.systems.latest import Latest
+from unwrinkle.systems.function_system import FunctionSystem
 
 _log = logging.getLogger(__name__)
 
 
-class WrinkleAnalysis(LeafSystem):
+class AnalysisSystem(FunctionSystem):
     """Finds the wrinkles. Input: `range_map` (`Perceived`); output: `analysis` (`Analysed`)."""
 
     def __init__(self, cell: Cell) -> None:
-        """Take the table and how to pull (Eq. 5, the section) from the cell's scenario."""
-        super().__init__()
-        self._table, self._rules = cell.table, cell.scenario.loop
-        port = self.DeclareAbstractInputPort("range_map", AbstractValue.Make(Perceived()))
-        self.DeclareAbstractOutputPort(
-            "analysis",
-            lambda: AbstractValue.Make(Analysed()),
-            self._calc,
-            {self.input_port_ticket(port.get_index())},
-        )
-        self._latest = Latest(self._analyse, lambda a, b: a is b)
-
-    def _calc(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(self._latest(self.get_input_port(0).Eval(context)))
+        """Keep the cell, whose scenario has the table and the rules."""
+        super().__init__({"range_map": Perceived()}, ("analysis", Analysed()), self._analyse)
+        self._cell = cell
 
     def _analyse(self, perceived: Perceived) -> Analysed:
         number = perceived.number
@@ -40,15 +26,9 @@ class WrinkleAnalysis(LeafSystem):
             return Analysed(number, None, perceived.reason)
         clock = time.perf_counter()
         try:
-            analysis = analyse(
-                perceived.range_map,
-                mode=self._rules.mode,
-                table=self._table,
-                section=self._rules.section,
-                pull=self._rules.pull,
-            )
+            observation = observation_of(perceived.range_map, self._cell)
         except InputError as error:
             reason = f"look {number}: {' '.join(str(error).split())}"
             _log.info(reason)
             return Analysed(number, None, reason, time.perf_counter() - clock)
-        return Analysed(number, analysis, seconds=time.perf_counter() - clock)
+        return Analysed(number, observation, seconds=time.perf_counter() - clock)

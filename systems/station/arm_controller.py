@@ -14,7 +14,7 @@ from unwrinkle.simulation.arms.trajectory_player import (
     PlayerState,
     TrajectoryPlayer,
 )
-from unwrinkle.systems.held import held, hold, model
+from unwrinkle.systems.abstract_state import set_state_value, state_value
 
 
 class ArmController(LeafSystem):
@@ -49,15 +49,15 @@ class ArmController(LeafSystem):
         self._override = self.DeclareVectorInputPort("speed_override", BasicVector(1))
         self._position = self.DeclareVectorInputPort("position", BasicVector(13))
         self._velocity = self.DeclareVectorInputPort("velocity", BasicVector(13))
-        self._state = self.DeclareAbstractState(model(self._player.at_rest(start)))
-        self._status = self.DeclareAbstractState(model(ControllerStatus()))
+        self._state = self.DeclareAbstractState(Value(self._player.at_rest(start)))
+        self._status = self.DeclareAbstractState(Value(ControllerStatus()))
         states = {self.abstract_state_ticket(self._state)}
         self.DeclareVectorOutputPort("desired", BasicVector(26), self._desired, states)
         self.DeclareVectorOutputPort("reference", BasicVector(14), self._reference, states)
         self.DeclareAbstractOutputPort(
             "status",
             lambda: Value(ControllerStatus()),
-            lambda context, output: output.set_value(held(context, self._status)),
+            lambda context, output: output.set_value(state_value(context, self._status)),
             {self.abstract_state_ticket(self._status)},
         )
         self.DeclarePeriodicUnrestrictedUpdateEvent(step, 0.0, self._advance)
@@ -65,7 +65,7 @@ class ArmController(LeafSystem):
 
     def player_state(self, context: Context) -> PlayerState:
         """What the player knows; `context` is this system's."""
-        state: PlayerState = held(context, self._state)
+        state: PlayerState = state_value(context, self._state)
         return state
 
     def _advance(self, context: Context, state: State) -> None:
@@ -84,10 +84,10 @@ class ArmController(LeafSystem):
                 override = float(self._override.Eval(context)[0])
             velocity = self._velocity.Eval(context)
             now = self._player.advance(now, self._step, override, position, velocity)
-        hold(state, self._state, now)
+        set_state_value(state, self._state, now)
 
     def _report(self, context: Context, state: State) -> None:
-        now: PlayerState = state.get_abstract_state(int(self._state)).get_value().value
+        now: PlayerState = state.get_abstract_state(int(self._state)).get_value()
         status = ControllerStatus(
             state=now.mode,
             command=now.command,
@@ -95,7 +95,7 @@ class ArmController(LeafSystem):
             progress=now.s if now.track is not None else 0.0,
             reason=now.reason,
         )
-        hold(state, self._status, status)
+        set_state_value(state, self._status, status)
 
     def _desired(self, context: Context, output: BasicVector) -> None:
         # The servos take one step of the plant to get there.

@@ -13,9 +13,10 @@ from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSys
 from unwrinkle.flattening.station_messages import DepthImage, HeadImage
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
+from unwrinkle.models.shared import Shared
 from unwrinkle.perception.stereo.head import Gaze, StereoHead
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
-from unwrinkle.systems.held import held, hold, model
+from unwrinkle.systems.abstract_state import set_state_value, state_value
 from unwrinkle.systems.station.head import HeadStatus, reported_gaze
 from unwrinkle.systems.station.photographer import CellPhotographer, Posture
 
@@ -32,7 +33,7 @@ _FAILED = "the depth camera gave no picture"
 
 
 @dataclass(frozen=True, eq=False)
-class Exposure:
+class Exposure(Shared):
     """The last pictures and how many exposures there were."""
 
     left: HeadImage
@@ -42,7 +43,7 @@ class Exposure:
 
 
 @dataclass(frozen=True)
-class _Wait:
+class _Wait(Shared):
     """For which command, since when (s) everything but the cloth is at rest."""
 
     number: int = 0
@@ -100,8 +101,8 @@ class CameraSystem(LeafSystem):
         self._cloth = self.DeclareAbstractInputPort("cloth", Value(state))
         nothing = HeadImage(reason="nothing was exposed yet")
         first = Exposure(nothing, nothing, DepthImage(reason="nothing was exposed yet"))
-        self._exposure = self.DeclareAbstractState(model(first))
-        self._wait = self.DeclareAbstractState(model(_Wait()))
+        self._exposure = self.DeclareAbstractState(Value(first))
+        self._wait = self.DeclareAbstractState(Value(_Wait()))
         tickets = {self.abstract_state_ticket(self._exposure)}
         for name in ("left", "right", "depth"):
             image = getattr(first, name)
@@ -112,7 +113,7 @@ class CameraSystem(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, OFF_BEAT, self._update)
 
     def _update(self, context: Context, state: State) -> EventStatus:
-        last: Exposure = held(context, self._exposure)
+        last: Exposure = state_value(context, self._exposure)
         answered = (last.left if self._head_camera else last.depth).number
         head: HeadStatus = self._head.Eval(context)
         if head.number <= answered:
@@ -121,19 +122,19 @@ class CameraSystem(LeafSystem):
         if head.reason:
             image = HeadImage(head.number, None, time=now, reason=head.reason)
             depth = DepthImage(head.number, None, now, head.reason)
-            hold(state, self._exposure, Exposure(image, image, depth, last.count))
+            set_state_value(state, self._exposure, Exposure(image, image, depth, last.count))
             return EventStatus.Succeeded()
         if not head.still or np.abs(self._velocity.Eval(context)).max() > AXES_STILL:
             return EventStatus.DidNothing()
         cloth: ClothState = self._cloth.Eval(context)
-        wait: _Wait = held(context, self._wait)
+        wait: _Wait = state_value(context, self._wait)
         if not cloth.asleep:
             if wait.number != head.number:
-                hold(state, self._wait, _Wait(head.number, now))
+                set_state_value(state, self._wait, _Wait(head.number, now))
                 return EventStatus.Succeeded()
             if now - wait.since < SETTLE_TIME:
                 return EventStatus.DidNothing()
-        hold(state, self._exposure, self._exposed(context, head, cloth, last.count + 1))
+        set_state_value(state, self._exposure, self._exposed(context, head, cloth, last.count + 1))
         return EventStatus.Succeeded()
 
     def _exposed(
@@ -185,7 +186,7 @@ class CameraSystem(LeafSystem):
 
     def _shown(self, name: str) -> Any:
         return lambda context, output: output.set_value(
-            getattr(held(context, self._exposure), name)
+            getattr(state_value(context, self._exposure), name)
         )
 
 

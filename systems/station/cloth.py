@@ -10,7 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSys
 from unwrinkle.models.arrays import Array
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.measures import coverage, largest_height
-from unwrinkle.systems.held import held, hold, model
+from unwrinkle.systems.abstract_state import set_state_value, state_value
 from unwrinkle.systems.station.grippers import Pinch, PinchAnswer
 
 
@@ -29,19 +29,19 @@ class ClothSystem(LeafSystem):
         self._cloth, self._period = cloth, period
         self._tips = self.DeclareVectorInputPort("tips", BasicVector(32))
         self._pinch = self.DeclareAbstractInputPort("pinch", Value(Pinch()))
-        self._state = self.DeclareAbstractState(model(state))
-        self._answer = self.DeclareAbstractState(model(PinchAnswer()))
+        self._state = self.DeclareAbstractState(Value(state))
+        self._answer = self.DeclareAbstractState(Value(PinchAnswer()))
         tickets = {self.abstract_state_ticket(self._state)}
         self.DeclareAbstractOutputPort(
             "cloth",
             lambda: Value(state),
-            lambda context, output: output.set_value(held(context, self._state)),
+            lambda context, output: output.set_value(state_value(context, self._state)),
             tickets,
         )
         self.DeclareAbstractOutputPort(
             "answer",
             lambda: Value(PinchAnswer()),
-            lambda context, output: output.set_value(held(context, self._answer)),
+            lambda context, output: output.set_value(state_value(context, self._answer)),
             {self.abstract_state_ticket(self._answer)},
         )
         for name, measure in (("coverage", coverage), ("height", largest_height)):
@@ -50,8 +50,8 @@ class ClothSystem(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, period, self._advance)
 
     def _advance(self, context: Context, state: State) -> EventStatus:
-        cloth: ClothState = held(context, self._state)
-        answer: PinchAnswer = held(context, self._answer)
+        cloth: ClothState = state_value(context, self._state)
+        answer: PinchAnswer = state_value(context, self._answer)
         pinch: Pinch = self._pinch.Eval(context)
         for hand in range(2):
             if cloth.grips[hand] is not None and not pinch.closed[hand]:
@@ -73,15 +73,15 @@ class ClothSystem(LeafSystem):
                 if not pinch.spoiled:
                     cloth = self._cloth.grip(cloth, hand, X_WT)
                 answer = _answered(answer, hand, pinch.asked[hand], cloth.grips[hand] is not None)
-        hold(state, self._state, cloth)
-        hold(state, self._answer, answer)
+        set_state_value(state, self._state, cloth)
+        set_state_value(state, self._answer, answer)
         return EventStatus.Succeeded()
 
     def _measured(self, measure: Any) -> Any:
         last: list[Any] = [None, 0.0]  # the state measured last, and its figure
 
         def calc(context: Context, output: BasicVector) -> None:
-            state = held(context, self._state)
+            state = state_value(context, self._state)
             if state is not last[0]:
                 last[:] = state, float(measure(self._cloth, state))
             output.SetFromVector([last[1]])

@@ -10,14 +10,15 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 from unwrinkle.flattening.station_messages import GripperCommand, GripperStatus
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.limits import GripperLimits
-from unwrinkle.systems.held import held, hold, model
+from unwrinkle.models.shared import Shared
+from unwrinkle.systems.abstract_state import set_state_value, state_value
 
 _THERE = 2e-4  # of an opening, m
 _NO_RIPPLE = 1e-9
 
 
 @dataclass(frozen=True)
-class Pinch:
+class Pinch(Shared):
     """What the grippers do to the cloth.
 
     Attributes:
@@ -33,7 +34,7 @@ class Pinch:
 
 
 @dataclass(frozen=True)
-class PinchAnswer:
+class PinchAnswer(Shared):
     """Whether there was cloth between the blades: for the command `answered`, right and left."""
 
     answered: tuple[int, int] = (0, 0)
@@ -41,7 +42,7 @@ class PinchAnswer:
 
 
 @dataclass(frozen=True)
-class _Jaw:
+class _Jaw(Shared):
     """One gripper's motion: from an opening at a time towards a goal, m and s."""
 
     origin: float
@@ -61,7 +62,7 @@ class _Jaw:
 
 
 @dataclass(frozen=True)
-class _Jaws:
+class _Jaws(Shared):
     command: int
     done: int
     closings: int
@@ -109,7 +110,7 @@ class GripperSystem(LeafSystem):
         self._opening = self.DeclareVectorInputPort("opening", BasicVector(2))
         self._answer = self.DeclareAbstractInputPort("answer", Value(PinchAnswer()))
         jaw = _Jaw(opening, 0.0, opening)
-        self._state = self.DeclareAbstractState(model(_Jaws(0, 0, 0, (jaw, jaw))))
+        self._state = self.DeclareAbstractState(Value(_Jaws(0, 0, 0, (jaw, jaw))))
         state = self.abstract_state_ticket(self._state)
         self.DeclareAbstractOutputPort("status", lambda: Value(GripperStatus()), self._status)
         self.DeclareAbstractOutputPort("pinch", lambda: Value(Pinch()), self._pinch, {state})
@@ -119,13 +120,13 @@ class GripperSystem(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._advance)
 
     def _advance(self, context: Context, state: State) -> None:
-        jaws: _Jaws = held(context, self._state)
+        jaws: _Jaws = state_value(context, self._state)
         now = context.get_time()
         command: GripperCommand = self._command.Eval(context)
         if command.number > jaws.command:
             jaws = self._commanded(jaws, command, now)
         if jaws.done == jaws.command:
-            hold(state, self._state, jaws)
+            set_state_value(state, self._state, jaws)
             return
         measured = self._opening.Eval(context)
         answer: PinchAnswer = self._answer.Eval(context)
@@ -134,7 +135,7 @@ class GripperSystem(LeafSystem):
             for hand, jaw in enumerate(jaws.pair)
         )
         done = jaws.command if right.settled and left.settled else jaws.done
-        hold(state, self._state, dc.replace(jaws, pair=(right, left), done=done))
+        set_state_value(state, self._state, dc.replace(jaws, pair=(right, left), done=done))
 
     def _commanded(self, jaws: _Jaws, command: GripperCommand, now: float) -> _Jaws:
         closings, pair = jaws.closings, list(jaws.pair)
@@ -165,7 +166,7 @@ class GripperSystem(LeafSystem):
         return dc.replace(jaw, origin=jaw.goal, begin=now, goal=0.0)
 
     def _status(self, context: Context, output: Value) -> None:
-        jaws: _Jaws = held(context, self._state)
+        jaws: _Jaws = state_value(context, self._state)
         answer: PinchAnswer = self._answer.Eval(context)
         right, left = (float(value) for value in self._opening.Eval(context))
         closed = tuple(jaw.closed and jaw.settled for jaw in jaws.pair)
@@ -180,7 +181,7 @@ class GripperSystem(LeafSystem):
         )
 
     def _pinch(self, context: Context, output: Value) -> None:
-        jaws: _Jaws = held(context, self._state)
+        jaws: _Jaws = state_value(context, self._state)
         right, left = jaws.pair
         output.set_value(
             Pinch((right.asked, left.asked), (right.closed, left.closed), self._spoiled(jaws))
@@ -190,6 +191,6 @@ class GripperSystem(LeafSystem):
         return jaws.closings in self._misses
 
     def _desired(self, context: Context, output: BasicVector) -> None:
-        jaws: _Jaws = held(context, self._state)
+        jaws: _Jaws = state_value(context, self._state)
         wanted = [jaw.opening(context.get_time(), self._speed) for jaw in jaws.pair]
         output.SetFromVector(np.array(wanted).ravel())

@@ -10,9 +10,10 @@ from unwrinkle.flattening.station_messages import HeadCommand
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.limits import HeadLimits
+from unwrinkle.models.shared import Shared
 from unwrinkle.perception.stereo.head import Gaze, StereoHead
 from unwrinkle.simulation.devices.pan_tilt import REPEATABILITY
-from unwrinkle.systems.held import held, hold, model
+from unwrinkle.systems.abstract_state import set_state_value, state_value
 
 #: ASSUMED: acceleration of an axis, rad/s^2, and the time that the mount takes to be still, s.
 ACCELERATION = 20.0
@@ -20,7 +21,7 @@ STILL_AFTER = 0.10
 
 
 @dataclass(frozen=True, eq=False)
-class HeadStatus:
+class HeadStatus(Shared):
     """What the units say.
 
     Attributes:
@@ -37,7 +38,7 @@ class HeadStatus:
 
 
 @dataclass(frozen=True, eq=False)
-class _Turn:
+class _Turn(Shared):
     """A motion of all four axes: reported and true angles (4,) at both ends, rad; its begin, s."""
 
     number: int
@@ -84,7 +85,7 @@ class HeadSystem(LeafSystem):
         rest = self._whole_steps(np.array([*start, *start]))
         self._command = self.DeclareAbstractInputPort("command", Value(HeadCommand()))
         begin = _Turn(0, -1e3, (rest, rest), (rest, rest))
-        self._state = self.DeclareAbstractState(model(begin))
+        self._state = self.DeclareAbstractState(Value(begin))
         tickets = {self.abstract_state_ticket(self._state), self.time_ticket()}
         first = HeadStatus(0, True, rest)
         self.DeclareAbstractOutputPort("status", lambda: Value(first), self._status, tickets)
@@ -93,10 +94,10 @@ class HeadSystem(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._advance)
 
     def _advance(self, context: Context, state: State) -> None:
-        turn: _Turn = held(context, self._state)
+        turn: _Turn = state_value(context, self._state)
         command: HeadCommand = self._command.Eval(context)
         if command.number > turn.number:
-            hold(state, self._state, self._turned(turn, command, context.get_time()))
+            set_state_value(state, self._state, self._turned(turn, command, context.get_time()))
 
     def _turned(self, turn: _Turn, command: HeadCommand, now: float) -> _Turn:
         share, _ = self._progress(turn, now)
@@ -146,7 +147,7 @@ class HeadSystem(LeafSystem):
         return done / way, rate / way
 
     def _status(self, context: Context, output: Value) -> None:
-        turn: _Turn = held(context, self._state)
+        turn: _Turn = state_value(context, self._state)
         now = context.get_time()
         share, _ = self._progress(turn, now)
         before, _ = self._progress(turn, now - STILL_AFTER)
@@ -154,12 +155,12 @@ class HeadSystem(LeafSystem):
         output.set_value(HeadStatus(turn.number, bool((before >= 1.0).all()), angles, turn.reason))
 
     def _position(self, context: Context, output: BasicVector) -> None:
-        turn: _Turn = held(context, self._state)
+        turn: _Turn = state_value(context, self._state)
         share, _ = self._progress(turn, context.get_time())
         output.SetFromVector(self._whole_steps(_between(turn.reported, share)))
 
     def _desired(self, context: Context, output: BasicVector) -> None:
-        turn: _Turn = held(context, self._state)
+        turn: _Turn = state_value(context, self._state)
         share, rate = self._progress(turn, context.get_time())
         q, v = _between(turn.true, share), rate * (turn.true[1] - turn.true[0])
         output.SetFromVector(np.concatenate([q[:2], v[:2], q[2:], v[2:]]))

@@ -10,16 +10,17 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from unwrinkle.flattening.station_messages import GripperCommand, GripperStatus, HeadCommand
 from unwrinkle.models.arrays import Array
+from unwrinkle.models.shared import Shared
 from unwrinkle.models.site import GripperSite
 from unwrinkle.perception.stereo.head import Gaze, PanTiltUnit
 from unwrinkle.simulation.controllers.controller import VirtualController
 from unwrinkle.simulation.devices.serial_pan_tilt import PtyPort, UnitSettings, VirtualSerialPanTilt
-from unwrinkle.systems.held import held, hold, model
+from unwrinkle.systems.abstract_state import set_state_value, state_value
 from unwrinkle.systems.station.head import HeadStatus
 
 
 @dataclass(frozen=True, eq=False)
-class _Axes:
+class _Axes(Shared):
     """What the axes are told by the controller, (13,) each, rad and rad/s; the jaws it commands."""
 
     positions: Array
@@ -59,7 +60,7 @@ class VirtualControllerSystem(LeafSystem):
         self._velocity = self.DeclareVectorInputPort("velocity", BasicVector(13))
         self._number = self.DeclareVectorInputPort("number", BasicVector(1))
         self._status = self.DeclareAbstractInputPort("grippers", Value(GripperStatus()))
-        self._state = self.DeclareAbstractState(model(self._axes(GripperCommand())))
+        self._state = self.DeclareAbstractState(Value(self._axes(GripperCommand())))
         tickets = {self.abstract_state_ticket(self._state)}
         self.DeclareVectorOutputPort("desired", BasicVector(26), self._desired, tickets)
         self.DeclareVectorOutputPort("reference", BasicVector(14), self._reference)
@@ -72,7 +73,7 @@ class VirtualControllerSystem(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
 
     def _now(self, context: Context) -> _Axes:
-        axes: _Axes = held(context, self._state)
+        axes: _Axes = state_value(context, self._state)
         return axes
 
     def _axes(self, jaws: GripperCommand) -> _Axes:
@@ -85,7 +86,7 @@ class VirtualControllerSystem(LeafSystem):
         jaws, closed = self._now(context).jaws, self._commanded()
         if closed != jaws.closed:
             jaws = GripperCommand(jaws.number + 1, closed)
-        hold(state, self._state, self._axes(jaws))
+        set_state_value(state, self._state, self._axes(jaws))
 
     def _tell_inputs(self, status: GripperStatus) -> None:
         site, inputs = self._grippers, self._controller.inputs
@@ -171,11 +172,11 @@ class VirtualPanTiltSystem(LeafSystem):
         self.ports = [PtyPort(), PtyPort()]
         self._goal = at
         self._status = self.DeclareAbstractInputPort("status", Value(HeadStatus(0, True, start)))
-        self._state = self.DeclareAbstractState(model(HeadCommand()))
+        self._state = self.DeclareAbstractState(Value(HeadCommand()))
         self.DeclareAbstractOutputPort(
             "command",
             lambda: Value(HeadCommand()),
-            lambda context, output: output.set_value(held(context, self._state)),
+            lambda context, output: output.set_value(state_value(context, self._state)),
             {self.abstract_state_ticket(self._state)},
         )
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
@@ -202,6 +203,6 @@ class VirtualPanTiltSystem(LeafSystem):
             if motor.goal is not None:
                 self._goal[2 * number : 2 * number + 2] = motor.goal
                 motor.goal = None
-        command: HeadCommand = held(context, self._state)
+        command: HeadCommand = state_value(context, self._state)
         gaze = Gaze(*(float(angle) for angle in self._goal * self._steps))
-        hold(state, self._state, HeadCommand(command.number + 1, gaze))
+        set_state_value(state, self._state, HeadCommand(command.number + 1, gaze))

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from unwrinkle.benchmarks._data import TABLE
-from unwrinkle.flattening.policy import Memory, Pull, SeenWrinkle, Sight, decide, sight_of
+from unwrinkle.flattening.observation import Observation, WrinkleFeatures
+from unwrinkle.flattening.policy import (
+    GarmentFeatures,
+    PolicyState,
+    PullDecision,
+    decide,
+)
 from unwrinkle.flattening.priority import flattened_together, in_order
 from unwrinkle.models import scenario
 from unwrinkle.models.errors import InputError
@@ -18,7 +24,7 @@ from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
 
 # Each is first in one order: volume, pull, height, length, together.
 SEEN = tuple(
-    SeenWrinkle(k, (0.1 * k, -1.1), 0.3, *measures)
+    WrinkleFeatures(k, (0.1 * k, -1.1), 0.3, *measures)
     for k, measures in enumerate(
         [
             (9e4, 0.010, 0.010, 0.20, 9e4),
@@ -33,8 +39,8 @@ SEEN = tuple(
 
 @pytest.mark.parametrize(("order", "first"), [(o, k) for k, o in enumerate(scenario.ORDERS)])
 def test_the_order_decides_which_wrinkle_is_pulled_first(order: str, first: int) -> None:
-    decision = decide(Sight(SEEN), Memory(), LoopSettings(order=order))
-    assert isinstance(decision, Pull)
+    decision = decide(GarmentFeatures(SEEN), PolicyState(), LoopSettings(order=order))
+    assert isinstance(decision, PullDecision)
     assert decision.wrinkle.index == first
     ordered = in_order(SEEN, order)
     values = [getattr(wrinkle, order) for wrinkle in ordered]
@@ -80,8 +86,8 @@ def test_a_pull_works_on_the_wrinkles_that_its_section_crosses() -> None:
     for k in range(3):
         whole = volumes[k] if k == upright else volumes.sum() - volumes[upright]
         assert together[k] == pytest.approx(whole, rel=0.02)
-    sight = sight_of(analysis)
+    sight = Observation.of(analysis).features
     assert sight.wrinkles[upright].together == pytest.approx(volumes[upright], rel=0.02)
     assert sight.wrinkles[upright].length == wrinkles[upright].length
-    decision = decide(sight, Memory(), LoopSettings(order="together"))
-    assert isinstance(decision, Pull) and decision.wrinkle.index != upright
+    decision = decide(sight, PolicyState(), LoopSettings(order="together"))
+    assert isinstance(decision, PullDecision) and decision.wrinkle.index != upright

@@ -1,5 +1,6 @@
 """The diagram: named systems, wired as the architecture says, computing only what is asked for."""
 
+import copy
 import dataclasses as dc
 import re
 from collections.abc import Iterator
@@ -11,17 +12,17 @@ import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Diagram, LeafSystem
 
-from unwrinkle.flattening import station_messages
-from unwrinkle.flattening.policy import Memory
-from unwrinkle.flattening.state import Situation
+from unwrinkle.flattening import perceiving, station_messages
+from unwrinkle.flattening.policy import PolicyState
+from unwrinkle.flattening.state import SupervisorState
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.scenario import load_scenario
 from unwrinkle.perception.stereo.head import Gaze
 from unwrinkle.perception.stereo.head_file import nominal_calibration
 from unwrinkle.systems import diagram as flattening_diagram
-from unwrinkle.systems.diagram import Link, build_flattening_diagram, links, situation
+from unwrinkle.systems.diagram import Link, build_flattening_diagram, links, supervisor_state
 from unwrinkle.systems.diagram_figure import draw_diagram
-from unwrinkle.systems.perception import stereo as stereo_perception
 
 INPUTS = {
     "trajectory": station_messages.TrajectoryCommand,
@@ -116,9 +117,9 @@ def test_pictures_are_matched_once_per_exposure(
 
     def counted(*args: Any, **kwargs: Any) -> Any:
         calls.append(args)
-        raise stereo_perception.InputError("look: no garment found (nothing stands up)")
+        raise InputError("look: no garment found (nothing stands up)")
 
-    monkeypatch.setattr(stereo_perception, "range_map_from_pair", counted)
+    monkeypatch.setattr(perceiving, "range_map_from_pair", counted)
     context = diagram.CreateDefaultContext()
     perception = diagram.GetSubsystemByName("perception")
     own = perception.GetMyContextFromRoot(context)
@@ -126,12 +127,15 @@ def test_pictures_are_matched_once_per_exposure(
     assert output.Eval(own).number == 0 and calls == []
     rng = np.random.default_rng(0)
     pixels = rng.integers(20, 200, (2, 40, 60, 3), dtype=np.uint8)
+    looks = {
+        number: [
+            station_messages.HeadImage(number, image, Gaze(), float(number)) for image in pixels
+        ]
+        for number in (1, 2)
+    }
     for time, number in ((1.0, 1), (2.0, 1), (3.0, 2)):
-        for name, image in zip(station.images, pixels, strict=True):
-            # A copy, as Drake may make one: the same question nevertheless.
-            station.images[name] = station_messages.HeadImage(
-                number, image.copy(), Gaze(), float(number)
-            )
+        # A copy, as Drake makes one, is the image itself.
+        station.images.update(zip(station.images, copy.deepcopy(looks[number]), strict=True))
         context.SetTime(time)
         found = output.Eval(own)
         assert found.number == number and found.empty and "no garment" in found.reason
@@ -165,14 +169,14 @@ def test_camera_faults_are_reasons(
     context = diagram.CreateDefaultContext()
     analysis = diagram.GetSubsystemByName("analysis")
     found = analysis.GetOutputPort("analysis").Eval(analysis.GetMyContextFromRoot(context))
-    assert found.analysis is None and reason in found.reason
+    assert found.observation is None and reason in found.reason
 
 
 def test_a_run_that_goes_on_counts_its_looks_on() -> None:
-    diagram, _ = built("stereo", memory=Memory(looks=4, actions=3))
+    diagram, _ = built("stereo", policy_state=PolicyState(looks=4, actions=3))
     context = diagram.CreateDefaultContext()
-    now: Situation = situation(diagram, context)
-    assert (now.head.number, now.action.look, now.memory.actions) == (4, 5, 3)
+    now: SupervisorState = supervisor_state(diagram, context)
+    assert (now.head.number, now.action.look, now.policy_state.actions) == (4, 5, 3)
     supervisor = diagram.GetSubsystemByName("supervisor")
     head = supervisor.GetOutputPort("head.command").Eval(supervisor.GetMyContextFromRoot(context))
     assert head.number == 0

@@ -1,6 +1,7 @@
 """The supervisor in a small world: a station that does what it is told, and scripted sights, plans and verdicts."""
 
 import dataclasses as dc
+import math
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
@@ -13,10 +14,12 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from unwrinkle.flattening import station_messages
 from unwrinkle.flattening.messages import Analysed, Perceived, Planned, PlanRequest, Verified
-from unwrinkle.flattening.state import Situation
+from unwrinkle.flattening.observation import GarmentFeatures, WrinkleFeatures
+from unwrinkle.flattening.state import SupervisorState
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import LoopSettings, load_scenario
 from unwrinkle.perception.stereo.head_file import nominal_calibration
+from unwrinkle.perception.target import FlatteningTarget, HandTarget, NoTarget
 from unwrinkle.planning.plan import GripperEvent, Segment
 from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.systems.supervisor import FlatteningSupervisor
@@ -50,32 +53,35 @@ def plan_of(name: str) -> Any:
     )
 
 
-def analysis_of(wrinkles: tuple[tuple[float, float, float, float], ...]) -> Any:
-    """All that the judgement needs of an analysis."""
+def target_at(place: float) -> FlatteningTarget:
+    """A target whose wrinkle is at a place along x."""
+    along = np.array([1.0, 0.0])
+    hands = tuple(
+        HandTarget(
+            np.array([place + side, -1.1, 0.7]), -along * side / 0.2, along * side / 0.2, 0.02
+        )
+        for side in (-0.2, 0.2)
+    )
+    return FlatteningTarget(hands, np.array([place, -1.1, 0.7]), np.array([0.0, 1.0]), 0.4, "foot")
+
+
+def observation_of(wrinkles: tuple[tuple[float, float, float, float], ...]) -> Any:
+    """All that the supervisor needs of an observation."""
+    seen = tuple(
+        WrinkleFeatures(index, (place, -1.1), 0.0, math.exp(score), pull, height, 0.1, 1.0)
+        for index, (place, score, pull, height) in enumerate(wrinkles)
+    )
+    range_map = SimpleNamespace(
+        garment=np.ones((3, 3), dtype=bool),
+        table_height=0.7,
+        world_from_cell=lambda cells: np.array([0.05, -1.15]),
+    )
+    targets = [target_at(place) for place, *_ in wrinkles]
+    analysis = SimpleNamespace(range_map=range_map, target_for=lambda index: targets[index])
     return SimpleNamespace(
-        mode="foot",
-        section="centre",
-        profile=SimpleNamespace(halting_pull=0.005, depth_noise=0.0003),
-        share_beyond_table=0.0,
-        share_along_edge=0.0,
-        range_map=SimpleNamespace(
-            garment=np.ones((3, 3), dtype=bool),
-            table_height=0.7,
-            world_from_cell=lambda cells: np.array([0.05, -1.15]),
-        ),
-        wrinkles=tuple(
-            SimpleNamespace(
-                centre=(place, -1.1),
-                direction=np.array([1.0, 0.0]),
-                length=0.1,
-                curve=np.array([[place + x, -1.1, 0.7] for x in (-0.05, 0.0, 0.05)]),
-                volume_score=score,
-                peak_height=height,
-                crests=np.zeros((3, 3)),
-                pull_distance=lambda mode, pull=pull: pull,
-            )
-            for place, score, pull, height in wrinkles
-        ),
+        analysis=analysis,
+        features=GarmentFeatures(seen, 0.005, 0.0003),
+        garment=lambda wrinkle: None,
     )
 
 
@@ -198,18 +204,25 @@ class FakeStation(LeafSystem):
     def sight(self, world: World) -> Any:
         return self.script.sights[min(world.exposed, len(self.script.sights)) - 1]
 
+    def wrinkle(self, request: PlanRequest) -> int:
+        """Which of the wrinkles of the world a request is about; -1 before the first."""
+        if isinstance(request.target, NoTarget):
+            return -1
+        places = [float(target_at(place).p_WC[0]) for place in (BIG[0], SMALL[0])]
+        return places.index(float(request.target.p_WC[0]))
+
     def perceive(self, world: World) -> Perceived:
         sight = self.sight(world)
         if isinstance(sight, str):
             return Perceived(world.exposed, None, sight, empty="empty" in sight)
-        return Perceived(world.exposed, analysis_of(sight).range_map)
+        return Perceived(world.exposed, observation_of(sight).analysis.range_map)
 
     def analyse(self, world: World) -> Analysed:
-        return Analysed(world.exposed, analysis_of(self.sight(world)))
+        return Analysed(world.exposed, observation_of(self.sight(world)))
 
     def plan(self, context: Any) -> Planned:
         request = self.GetInputPort("request").Eval(context)
-        key = (request.wrinkle, request.arms)
+        key = (self.wrinkle(request), request.arms)
         if not self.script.asked or self.script.asked[-1] != key:
             self.script.asked.append(key)
         if key in self.script.planless:
@@ -220,7 +233,7 @@ class FakeStation(LeafSystem):
     def verify(self, context: Any) -> Verified:
         request = self.GetInputPort("request").Eval(context)
         of = self.script.verdict_of or f"plan {request.number}"
-        passed = (request.wrinkle, request.arms) not in self.script.unsafe
+        passed = (self.wrinkle(request), request.arms) not in self.script.unsafe
         violations = () if passed else (SimpleNamespace(message="too near"),)
         verdict: Any = SimpleNamespace(passed=passed, plan_hash=of, violations=violations)
         return Verified(request.number, of, verdict)
@@ -246,11 +259,13 @@ class Run:
         self.modes: list[str] = []
         self.script = script
 
-    def now(self) -> Situation:
+    def now(self) -> SupervisorState:
         context = self.simulator.get_context()
-        return self.supervisor.situation(self.supervisor.GetMyContextFromRoot(context))
+        return self.supervisor.supervisor_state(self.supervisor.GetMyContextFromRoot(context))
 
-    def until(self, over: Callable[[Situation], bool] = lambda now: now.over) -> Situation:
+    def until(
+        self, over: Callable[[SupervisorState], bool] = lambda now: now.over
+    ) -> SupervisorState:
         """Advance until something holds; every mode on the way is noted."""
         step = 0
         while not over(self.now()):
@@ -269,7 +284,7 @@ def sent(script: Script) -> list[str]:
 def test_one_action_makes_it_flat() -> None:
     run = Run(Script(((BIG,), (GONE,))))
     end = run.until()
-    assert end.status == "flat" and end.memory.actions == 1
+    assert end.status == "flat" and end.policy_state.actions == 1
     action = "look perceive decide plan confirm move grip move grip move"
     assert " ".join(run.modes) == f"{action} look perceive decide done"
     assert sent(run.script) == ["approach", "gripper 11", "pull", "gripper 00", "release"]
@@ -284,20 +299,20 @@ def test_one_action_makes_it_flat() -> None:
 def test_flat_at_once_moves_nothing() -> None:
     run = Run(Script(((GONE,),)))
     end = run.until()
-    assert (end.status, end.memory.actions, sent(run.script)) == ("flat", 0, [])
+    assert (end.status, end.policy_state.actions, sent(run.script)) == ("flat", 0, [])
     assert "flat" in end.reason and end.action.outcome == "flat"
 
 
 def test_a_high_wrinkle_with_a_small_pull_is_pulled() -> None:
     run = Run(Script((((0.1, 8.0, 0.002, 0.006),), (GONE,))))
-    assert run.until().memory.actions == 1
+    assert run.until().policy_state.actions == 1
 
 
 def test_missed_grasp_goes_back_and_tries_again_then_the_next_wrinkle() -> None:
     script = Script(((BIG, SMALL),) * 3 + ((GONE,),), misses=frozenset({1, 3}))
     run = Run(script)
     end = run.until()
-    assert end.status == "flat" and end.memory.actions == 3
+    assert end.status == "flat" and end.policy_state.actions == 3
     missed = ["approach", "gripper 11", "gripper 00", "retreat"]
     assert sent(script) == [
         *missed,
@@ -360,13 +375,13 @@ def test_actions_that_change_nothing_escalate_and_end() -> None:
     end = Run(script).until()
     assert end.status == "stopped" and "4 actions in a row changed nothing" in end.reason
     assert script.asked == [(0, "dual"), (1, "dual"), (0, "single")]
-    assert end.memory.actions == 4
+    assert end.policy_state.actions == 4
 
 
 def test_action_limit() -> None:
     sights = tuple(((0.1, 12.0 - k, 0.02, 0.01),) for k in range(5))
     end = Run(Script(sights), actions=3).until()
-    assert end.status == "stopped" and end.memory.actions == 3
+    assert end.status == "stopped" and end.policy_state.actions == 3
     assert "not flat after 3 actions" in end.reason
 
 

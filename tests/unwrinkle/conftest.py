@@ -12,7 +12,11 @@ from numpy.typing import NDArray
 
 from unwrinkle import cli
 from unwrinkle.benchmarks._data import TABLE
+from unwrinkle.flattening.flattener import Choice, NoChoice, choose
+from unwrinkle.flattening.observation import Observation
+from unwrinkle.flattening.policy import PolicyState
 from unwrinkle.models.robot import Cell, load_cell
+from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.range_mapping import range_map_from_capture
 from unwrinkle.perception.sensor import noise_profile
@@ -40,7 +44,6 @@ from unwrinkle.simulation.rendering.synthetic_towel import (
     overhead_pose,
     wrinkled_towel,
 )
-from unwrinkle.viewer.garment_mesh import garment_of
 from unwrinkle.viewer.playback import Playback
 
 RIGHT, LEFT = ArmChoice(1, 0.1, 0.8, 1.0), ArmChoice(0, -0.1, 0.9, 0.5)
@@ -171,7 +174,12 @@ class SyntheticRun:
             eye = np.ascontiguousarray(np.flip(picture, axis=(0, 1)))
             look.save_pair(eye, eye, Gaze(0.1, -0.5, -0.1, -0.5))
             look.save_range_map(analysis.range_map)
-            look.save_analysis(analysis)
+            choice = chosen(analysis)
+            if isinstance(choice, Choice):
+                wrinkle = choice.decision.wrinkle.index
+                look.save_analysis(Observation.of(analysis), target=choice.target, wrinkle=wrinkle)
+            else:
+                look.save_analysis(Observation.of(analysis), stop=choice.stop)
             if index == len(self.plans):
                 break
             plan, verdict = self.plans[index], self.verdicts[index]
@@ -187,7 +195,7 @@ class SyntheticRun:
                 ActionRecord(
                     index=index,
                     outcome="done",
-                    wrinkle=analysis.target_index,
+                    wrinkle=wrinkle,
                     arms=("right", "left"),
                     pulls={"right": 0.012, "left": 0.012},
                     seconds={
@@ -262,6 +270,11 @@ def motion_along(
     )
 
 
+def chosen(analysis: Analysis) -> Choice | NoChoice:
+    """What the closed loop would do about it, by the shipped rules."""
+    return choose(Observation.of(analysis), PolicyState(), LoopSettings())
+
+
 def _seen(towel: Towel) -> Analysis:
     camera = Camera("overhead", 640, 480, 700.0, 700.0, 319.5, 239.5)
     capture = capture_of(towel, camera, overhead_pose(0.0, -1.1, 1.6))
@@ -282,8 +295,10 @@ def synthetic_run(cell: Cell) -> SyntheticRun:
     planner = FlatteningPlanner(cell)
     plans = []
     for analysis in analyses[:2]:
-        assert isinstance(analysis.target, FlatteningTarget)
-        plan = planner.plan(analysis.target, garment=garment_of(analysis)).plan
+        choice = chosen(analysis)
+        assert isinstance(choice, Choice)
+        garment = Observation.of(analysis).garment(choice.decision.wrinkle.index)
+        plan = planner.plan(choice.target, garment=garment).plan
         assert plan is not None
         plans.append(plan)
     verdicts = tuple(verify(plan, cell) for plan in plans)

@@ -4,20 +4,19 @@ from collections.abc import Callable
 
 from unwrinkle.closed_loop.run import Seconds
 from unwrinkle.closed_loop.station_view import StationView
-from unwrinkle.flattening import state as states
-from unwrinkle.flattening.state import Situation
+from unwrinkle.flattening.state import Mode, SupervisorState
 
 #: What is going on in a state, for the line that moves.
 DOING = {
-    states.LOOK: "looking",
-    states.PERCEIVE: "matching the pair and finding wrinkles",
-    states.DECIDE: "deciding",
-    states.PLAN: "planning",
-    states.CONFIRM: "verifying the plan",
-    states.MOVE: "moving",
-    states.GRIP: "gripping",
-    states.RETREAT: "going back",
-    states.HOLD: "stopping",
+    Mode.LOOK: "looking",
+    Mode.PERCEIVE: "matching the pair and finding wrinkles",
+    Mode.DECIDE: "deciding",
+    Mode.PLAN: "planning",
+    Mode.CONFIRM: "verifying the plan",
+    Mode.MOVE: "moving",
+    Mode.GRIP: "gripping",
+    Mode.RETREAT: "going back",
+    Mode.HOLD: "stopping",
 }
 
 
@@ -34,7 +33,7 @@ class Progress:
         self._say, self._doing = say, doing
 
     def update(
-        self, before: Situation, now: Situation, station: StationView, seconds: Seconds
+        self, before: SupervisorState, now: SupervisorState, station: StationView, seconds: Seconds
     ) -> None:
         """Say what is new; see `flattening_run.Watcher`."""
         if now.mode == before.mode:
@@ -46,45 +45,51 @@ class Progress:
             self._doing(f"look {now.action.look}, {DOING[now.mode]}{step}")
 
 
-def _lines(before: Situation, now: Situation, station: StationView, seconds: Seconds) -> list[str]:
+def _lines(
+    before: SupervisorState, now: SupervisorState, station: StationView, seconds: Seconds
+) -> list[str]:
     action = now.action
     spent = seconds.of(before.mode)
-    if before.mode == states.LOOK and now.mode == states.PERCEIVE:
+    if before.mode == Mode.LOOK and now.mode == Mode.PERCEIVE:
         truth = station.truth()
         known = ""
         if truth is not None:
             known = f" (in truth: coverage {truth['coverage']:.1%}, height {1e3 * truth['height']:.1f} mm)"
         return [f"look {action.look}", f"  picture       {spent:6.2f} s{known}"]
-    if before.mode == states.PERCEIVE and now.mode == states.DECIDE:
+    if before.mode == Mode.PERCEIVE and now.mode == Mode.DECIDE:
         return _found(now, seconds)
-    if now.mode == states.DECIDE and len(action.refusals) > len(before.action.refusals):
-        refusal = action.refusals[-1]
-        which = f"wrinkle {refusal.wrinkle + 1}, {refusal.arms}"
-        return [f"  no plan       {spent:6.2f} s: {which}: {refusal.reason}"]
-    if before.mode == states.PLAN and now.mode == states.CONFIRM:
+    if action is before.action or action.look == before.action.look:
+        refused = [
+            f"  no plan       {spent:6.2f} s: wrinkle {refusal.wrinkle + 1}, {refusal.arms}: {refusal.reason}"
+            for refusal in action.refusals[len(before.action.refusals) :]
+        ]
+        if refused:
+            return refused
+    if before.mode == Mode.PLAN and now.mode == Mode.CONFIRM:
         return _planned(now, spent)
-    if before.mode == states.CONFIRM and now.mode == states.MOVE:
+    if before.mode == Mode.CONFIRM and now.mode in (Mode.APPROVE, Mode.MOVE):
         verified = action.verified
         verdict = None if verified is None else verified.verdict
         return [] if verdict is None else [f"  verification  {spent:6.2f} s: {verdict.summary()}"]
     if now.finished is not None and now.finished is not before.finished:
-        moved = seconds.of(states.MOVE, states.GRIP, states.RETREAT)
+        moved = seconds.of(Mode.MOVE, Mode.GRIP, Mode.RETREAT)
         what = now.finished.outcome
         reason = f", {now.finished.reason}" if now.finished.reason else ""
         return [f"  action        {moved:6.2f} s: {what}{reason}"]
     return []
 
 
-def _found(now: Situation, seconds: Seconds) -> list[str]:
+def _found(now: SupervisorState, seconds: Seconds) -> list[str]:
     action = now.action
-    perceived, analysed, sight = action.perceived, action.analysed, action.sight
+    perceived, analysed, observation = action.perceived, action.analysed, action.observation
     lines = []
     if perceived is not None:
         lines.append(f"  range map     {perceived.seconds:6.2f} s")
-    if analysed is not None and sight is not None:
-        text = f"{len(sight.wrinkles)} wrinkles"
-        if sight.wrinkles:
-            first = sight.wrinkles[0]
+    if analysed is not None and observation is not None:
+        wrinkles = observation.features.wrinkles
+        text = f"{len(wrinkles)} wrinkles"
+        if wrinkles:
+            first = wrinkles[0]
             text += (
                 f", the largest {1e3 * first.height:.1f} mm high asks for a pull of "
                 f"{1e3 * first.pull:.1f} mm"
@@ -93,7 +98,7 @@ def _found(now: Situation, seconds: Seconds) -> list[str]:
     return lines
 
 
-def _planned(now: Situation, spent: float) -> list[str]:
+def _planned(now: SupervisorState, spent: float) -> list[str]:
     planned, pull = now.action.planned, now.action.pull
     if planned is None or planned.result is None or planned.result.plan is None or pull is None:
         return []

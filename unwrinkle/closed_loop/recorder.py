@@ -10,17 +10,17 @@ from unwrinkle.closed_loop.executed_motion import ExecutionCheck
 from unwrinkle.closed_loop.motion_check import check_motion
 from unwrinkle.closed_loop.run import Seconds
 from unwrinkle.closed_loop.station_view import StationView
-from unwrinkle.flattening import state as states
-from unwrinkle.flattening.state import Action, Situation
+from unwrinkle.flattening.state import Action, Mode, RunStatus, SupervisorState
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
+from unwrinkle.perception.target import FlatteningTarget, NoTarget
 from unwrinkle.runs.folder import ActionRecord, MotionRecord, RunFolder, SegmentMark
 
 #: The cloth is recorded every so many feedback periods while the arms are at work.
 FRAME_PERIODS = 4
 #: Outcomes after which a run can go on from the cloth as it was left.
-COMPLETE = ("done", "missed", "blind", states.FLAT, states.STOPPED)
-_AT_WORK = (states.MOVE, states.GRIP, states.RETREAT)
+COMPLETE = ("done", "missed", "blind", RunStatus.FLAT, RunStatus.STOPPED)
+_AT_WORK = (Mode.MOVE, Mode.GRIP, Mode.RETREAT)
 
 
 @dataclass(frozen=True)
@@ -55,10 +55,10 @@ class Recorder:
         return list(self._actions)
 
     def update(
-        self, before: Situation, now: Situation, station: StationView, seconds: Seconds
+        self, before: SupervisorState, now: SupervisorState, station: StationView, seconds: Seconds
     ) -> None:
         """Write what is new; see `flattening_run.Watcher`."""
-        if states.FAULT not in (before.mode, now.mode) and (
+        if Mode.FAULT not in (before.mode, now.mode) and (
             before.mode in _AT_WORK or now.mode in _AT_WORK
         ):
             self._motion.sample(station)
@@ -66,32 +66,32 @@ class Recorder:
             return
         if now.mode != before.mode:
             self._event(before, now, station)
-        if before.mode == states.LOOK and now.mode == states.PERCEIVE:
+        if before.mode == Mode.LOOK and now.mode == Mode.PERCEIVE:
             self._exposed(now, station)
-        self._seen(before.action, now.action)
-        if before.mode == states.CONFIRM and now.mode in _AT_WORK:
+        self._seen(before.action, now.action, now.request.target)
+        if before.mode in (Mode.CONFIRM, Mode.APPROVE) and now.mode in _AT_WORK:
             self._confirmed(now)
         if now.finished is not before.finished or now.over:
             self._ended(now, station, seconds)
 
-    def _event(self, before: Situation, now: Situation, station: StationView) -> None:
-        text, data = now.mode, dict[str, Any]()
+    def _event(self, before: SupervisorState, now: SupervisorState, station: StationView) -> None:
+        text, data = str(now.mode), dict[str, Any]()
         action = now.action
         if now.over:
             text = now.reason
-        elif now.mode == states.DECIDE and len(action.refusals) > len(before.action.refusals):
-            refusal = action.refusals[-1]
-            text = f"no verified motion for wrinkle {refusal.wrinkle + 1}: {refusal.reason}"
-        elif now.mode == states.PLAN and action.pull is not None:
+        elif new := action.refusals[len(before.action.refusals) :]:
+            refusal = new[-1]
+            text = f"no motion for wrinkle {refusal.wrinkle + 1}: {refusal.reason}"
+        elif now.mode == Mode.PLAN and action.pull is not None:
             text = f"wrinkle {action.pull.wrinkle.index + 1}, {action.pull.arms}"
         elif now.steps and now.mode in _AT_WORK:
             text = now.steps[0].name
-        elif now.mode == states.LOOK and now.finished is not None:
+        elif now.mode == Mode.LOOK and now.finished is not None:
             text = f"look {now.finished.look} ended: {now.finished.outcome}"
             data = {"reason": now.finished.reason} if now.finished.reason else {}
         self._folder.event(station.time, now.mode, text, data)
 
-    def _exposed(self, now: Situation, station: StationView) -> None:
+    def _exposed(self, now: SupervisorState, station: StationView) -> None:
         """The cameras have looked, and everything was at rest: the last action's effect, and the new look."""
         self._close(station)
         look = self._folder.look(now.head.number - 1)
@@ -108,22 +108,33 @@ class Recorder:
         self._motion = _Motion()
         station.forget_motion()
 
-    def _seen(self, before: Action, now: Action) -> None:
+    def _seen(self, before: Action, now: Action, requested: FlatteningTarget | NoTarget) -> None:
         look = self._folder.look(now.look - 1)
-        perceived, analysed = now.perceived, now.analysed
+        perceived = now.perceived
+        target = requested if isinstance(requested, FlatteningTarget) else None
         if perceived is not None and perceived is not before.perceived and perceived.range_map:
             look.save_range_map(perceived.range_map)
-        if analysed is not None and analysed is not before.analysed and analysed.analysis:
-            look.save_analysis(analysed.analysis)
+        observation = now.observation
+        if observation is not None and (
+            observation is not before.observation
+            or now.pull is not before.pull
+            or now.stop is not before.stop
+        ):
+            look.save_analysis(
+                observation,
+                target=None if now.pull is None else target,
+                wrinkle=None if now.pull is None else now.pull.wrinkle.index,
+                stop=now.stop,
+            )
 
-    def _confirmed(self, now: Situation) -> None:
+    def _confirmed(self, now: SupervisorState) -> None:
         planned, verified = now.action.planned, now.action.verified
         assert planned is not None and planned.result is not None and verified is not None
         plan = planned.result.plan
         assert plan is not None
         self._folder.look(now.action.look - 1).save_plan(plan, verified.verdict)
 
-    def _ended(self, now: Situation, station: StationView, seconds: Seconds) -> None:
+    def _ended(self, now: SupervisorState, station: StationView, seconds: Seconds) -> None:
         """An action has ended: its motion is known, its effect not yet."""
         action = now.action if now.over or now.finished is None else now.finished
         if action.outcome not in COMPLETE:
@@ -210,11 +221,11 @@ def _stages(action: Action, seconds: Seconds) -> dict[str, float]:
     """Wall clock by stage, s; see `run_records.STAGES`."""
     perceived, analysed = action.perceived, action.analysed
     return {
-        "render": seconds.of(states.LOOK),
+        "render": seconds.of(Mode.LOOK),
         "stereo": 0.0 if perceived is None else perceived.seconds,
         "analysis": 0.0 if analysed is None else analysed.seconds,
-        "planning": seconds.of(states.PLAN),
-        "verification": seconds.of(states.CONFIRM),
+        "planning": seconds.of(Mode.PLAN),
+        "verification": seconds.of(Mode.CONFIRM),
         "motion": seconds.of(*_AT_WORK),
     }
 
@@ -247,5 +258,5 @@ def _record(done: _Done, truth_after: dict[str, float] | None) -> ActionRecord:
         following_error=None if check is None else check.error_after_lag,
         grip_distance_error=None if check is None else check.grip_distance_error,
         violations=() if check is None else check.violations,
-        memory=action.memory.to_json(),
+        memory=action.policy_state.to_json(),
     )

@@ -16,9 +16,9 @@ from pydrake.systems.framework import Context
 
 from unwrinkle.closed_loop.setup import Loop
 from unwrinkle.closed_loop.station_view import StationView
-from unwrinkle.flattening.state import FAULTED, Situation
+from unwrinkle.flattening.state import RunStatus, SupervisorState
 from unwrinkle.models.errors import UnwrinkleError
-from unwrinkle.systems.diagram import situation
+from unwrinkle.systems.diagram import supervisor_state
 
 #: Most time that the arms are given to come to rest once a run is over, on the station's clock, s.
 LAST_REST = 5.0
@@ -48,7 +48,7 @@ class Watcher(Protocol):
     """Whoever wants to know how the run goes."""
 
     def update(
-        self, before: Situation, now: Situation, station: StationView, seconds: Seconds
+        self, before: SupervisorState, now: SupervisorState, station: StationView, seconds: Seconds
     ) -> None:
         """Take note of one feedback period.
 
@@ -67,13 +67,13 @@ class Ending:
     Attributes:
         status: flat, stopped, fault or interrupted.
         reason: in words.
-        situation: the supervisor's last state.
+        supervisor_state: the supervisor's last state.
         duration: wall clock, s.
     """
 
     status: str
     reason: str
-    situation: Situation
+    supervisor_state: SupervisorState
     duration: float
 
 
@@ -104,9 +104,9 @@ class FlatteningRun:
         return self._simulator.get_mutable_context()
 
     @property
-    def situation(self) -> Situation:
+    def supervisor_state(self) -> SupervisorState:
         """The supervisor's state."""
-        return situation(self._loop.diagram, self.context)
+        return supervisor_state(self._loop.diagram, self.context)
 
     def run(self, interrupted: Callable[[], bool] = lambda: False) -> Ending:
         """Run until the loop ends, and leave the arms at rest.
@@ -120,7 +120,7 @@ class FlatteningRun:
         clock = time.perf_counter()
         self._simulator.Initialize()
         try:
-            while not self.situation.over:
+            while not self.supervisor_state.over:
                 if interrupted():
                     self._interrupt.FixValue(self.context, [1.0])
                 self._period_on()
@@ -128,14 +128,14 @@ class FlatteningRun:
             self._bring_to_rest()
             raise
         self._rest()
-        now = self.situation
+        now = self.supervisor_state
         return Ending(now.status, now.reason, now, time.perf_counter() - clock)
 
     def _period_on(self) -> None:
-        before = self.situation
+        before = self.supervisor_state
         clock = time.perf_counter()
         self._advance()
-        now = self.situation
+        now = self.supervisor_state
         mode, spent = before.mode, time.perf_counter() - clock
         if before.action.look != self._seconds.look:
             if self._loop.real:
@@ -171,7 +171,7 @@ class FlatteningRun:
         with suppress(Exception, KeyboardInterrupt):
             self._interrupt.FixValue(self.context, [1.0])
             for _ in range(round(LAST_REST / self._period)):
-                if self.situation.over:
+                if self.supervisor_state.over:
                     break
                 self._advance()
             self._rest()
@@ -181,8 +181,8 @@ def failure(error: BaseException) -> tuple[str, str]:
     """Status and reason of a run that an exception ended."""
     text = " ".join(str(error).split())
     if isinstance(error, UnwrinkleError):
-        return FAULTED, text
-    return FAULTED, f"{type(error).__name__}: {text}"
+        return RunStatus.FAULTED, text
+    return RunStatus.FAULTED, f"{type(error).__name__}: {text}"
 
 
 class Interrupts:

@@ -20,8 +20,9 @@ from unwrinkle.closed_loop.setup import (
     scenario_text,
     with_choices,
 )
-from unwrinkle.flattening.policy import Memory
-from unwrinkle.flattening.state import FLAT, INTERRUPTED
+from unwrinkle.flattening.policy import PolicyState
+from unwrinkle.flattening.state import RunStatus
+from unwrinkle.flattening.state_machine import Approve
 from unwrinkle.garbage import collected_at_rest
 from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.models.errors import InputError
@@ -31,7 +32,6 @@ from unwrinkle.report.page import write_report
 from unwrinkle.report.replay import write_replay
 from unwrinkle.runs.folder import RunFolder, RunSettings, command_line
 from unwrinkle.simulation.cloth.cloth import ClothState
-from unwrinkle.systems.planning.verification import Approve
 
 _log = logging.getLogger(__name__)
 
@@ -101,7 +101,7 @@ class Session:
             except BaseException as error:
                 status, reason = failure(error)
                 if isinstance(error, KeyboardInterrupt):
-                    status, reason = INTERRUPTED, "interrupted twice"
+                    status, reason = RunStatus.INTERRUPTED, "interrupted twice"
                 self._finish(status, reason, clock, run)
                 raise
             reason = f"{interrupts.name}: {ending.reason}" if interrupts.name else ending.reason
@@ -119,8 +119,8 @@ class Session:
         """Write how it ended; what cannot be written any more is only logged."""
         earlier = self.folder.figures.get("seconds", 0.0)
         figures: dict[str, Any] = {
-            "actions": run.situation.memory.actions,
-            "looks": run.situation.memory.looks,
+            "actions": run.supervisor_state.policy_state.actions,
+            "looks": run.supervisor_state.policy_state.looks,
             "seconds": earlier + time.perf_counter() - clock,
             **(run.station.truth() or {}),
         }
@@ -195,14 +195,14 @@ def go_on(
     if fixed:
         raise InputError(f"{', '.join(fixed)}: a run goes on as it began; leave it out")
     folder = RunFolder.open(run)
-    if folder.status == FLAT:
+    if folder.status == RunStatus.FLAT:
         raise InputError(f"{run}: is flat already; begin a new run")
     scenario = choices.applied(load_scenario(folder.path / "scenario.yaml"))
     last = folder.last_complete()
-    state = memory = None
+    state = policy_state = None
     if last is not None:
         look = folder.look(last)
-        memory = Memory.from_json(look.action().memory)
+        policy_state = PolicyState.from_json(look.action().memory)
         if scenario.station.form != HARDWARE:
             state = ClothState.load(look.after_file)
     log = _log_of(scenario, folder.path, site)
@@ -211,7 +211,7 @@ def go_on(
             scenario,
             seed=folder.settings.seed,
             state=state,
-            memory=memory,
+            policy_state=policy_state,
             site=site,
             log=log,
             approve=approve,

@@ -9,8 +9,9 @@ from typing import Any
 import yaml
 from pydrake.systems.framework import Diagram
 
-from unwrinkle.flattening.policy import Memory
+from unwrinkle.flattening.policy import PolicyState
 from unwrinkle.flattening.state import SupervisorSettings
+from unwrinkle.flattening.state_machine import Approve
 from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell, load_cell
@@ -23,7 +24,6 @@ from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.initial_states import start_state
 from unwrinkle.site.preflight_checks import check_calibration
 from unwrinkle.systems.diagram import build_flattening_diagram
-from unwrinkle.systems.planning.verification import Approve
 from unwrinkle.systems.station.hardware import build_hardware_station
 from unwrinkle.systems.station.loopback import build_loopback_station
 from unwrinkle.systems.station.simulated import build_sim_station
@@ -115,7 +115,7 @@ def build_loop(
     *,
     seed: int = 0,
     state: ClothState | None = None,
-    memory: Memory | None = None,
+    policy_state: PolicyState | None = None,
     faults: StationFaults | None = None,
     site: Site | None = None,
     log: RunLog | None = None,
@@ -127,7 +127,7 @@ def build_loop(
         scenario: with the user's choices in it.
         seed: of every random choice.
         state: of the cloth, to go on from; None lets the garment lie as the scenario starts.
-        memory: of the judgement, to go on with.
+        policy_state: of a resumed run.
         faults: what shall go wrong in the station, for tests.
         site: of the devices; the hardware station needs it, the loopback station may have it.
         log: takes what the controller is sent and what it measures; not in the sim station.
@@ -142,7 +142,7 @@ def build_loop(
         ensure_compiled()  # so that this run can be repeated bit by bit
     form = scenario.station.form
     if form == HARDWARE:
-        return _on_hardware(scenario, seed, memory, site, log, approve)
+        return _on_hardware(scenario, seed, policy_state, site, log, approve)
     cell = load_cell(scenario)
     head = nominal_calibration().stereo_head(cell.limits.head)
     cloth = simulated_cloth(cell)
@@ -161,7 +161,13 @@ def build_loop(
     else:
         station = build_sim_station(cell, cloth, state, head=head, seed=seed, faults=faults)
     diagram = build_flattening_diagram(
-        cell, station, head, settings=settings, memory=memory, approve=approve, seed=seed
+        cell,
+        station,
+        head,
+        settings=settings,
+        policy_state=policy_state,
+        approve=approve,
+        seed=seed,
     )
     return Loop(cell, head, cloth, station, diagram, seed, close=close)
 
@@ -169,7 +175,7 @@ def build_loop(
 def _on_hardware(
     scenario: Scenario,
     seed: int,
-    memory: Memory | None,
+    policy_state: PolicyState | None,
     site: Site | None,
     log: RunLog | None,
     approve: Approve | None,
@@ -204,7 +210,7 @@ def _on_hardware(
         station,
         head,
         settings=SupervisorSettings.of_site(site),
-        memory=memory,
+        policy_state=policy_state,
         approve=approve,
         seed=seed,
     )

@@ -6,13 +6,12 @@ from unwrinkle.closed_loop.progress import DOING
 from unwrinkle.closed_loop.run import Seconds
 from unwrinkle.closed_loop.setup import Loop
 from unwrinkle.closed_loop.station_view import StationView
-from unwrinkle.flattening import state as states
-from unwrinkle.flattening.state import Situation
+from unwrinkle.flattening.state import Mode, SupervisorState
 from unwrinkle.viewer.live_view import LiveView
 
 #: The scene is sent every so many feedback periods while something moves.
 FRAME_PERIODS = 2
-_STILL = (states.PERCEIVE, states.DECIDE, states.PLAN, states.CONFIRM)
+_STILL = (Mode.PERCEIVE, Mode.DECIDE, Mode.PLAN, Mode.CONFIRM)
 
 
 class LiveWatcher:
@@ -31,7 +30,7 @@ class LiveWatcher:
         self.closed = False
 
     def update(
-        self, before: Situation, now: Situation, station: StationView, seconds: Seconds
+        self, before: SupervisorState, now: SupervisorState, station: StationView, seconds: Seconds
     ) -> None:
         """Show what is new; see `flattening_run.Watcher`."""
         self._periods += 1
@@ -49,24 +48,28 @@ class LiveWatcher:
             )
         if now is before:
             return
-        if before.mode == states.LOOK and now.mode == states.PERCEIVE:
+        if before.mode == Mode.LOOK and now.mode == Mode.PERCEIVE:
             left, right = station.pair
             if left.pixels is not None and right.pixels is not None:
                 self._view.show_look(left.pixels, right.pixels)
             self._view.show_analysis(None)
             self._view.show_plan(None)
-        analysed, planned = now.action.analysed, now.action.planned
-        if analysed is not None and analysed is not before.action.analysed:
-            self._view.show_analysis(analysed.analysis)
+        action, planned = now.action, now.action.planned
+        observation, pull = action.observation, action.pull
+        if observation is not None and (
+            observation is not before.action.observation or pull is not before.action.pull
+        ):
+            chosen = None if pull is None else pull.wrinkle.index
+            self._view.show_analysis(observation.analysis, chosen)
         if planned is not None and planned is not before.action.planned:
             self._view.show_plan(None if planned.result is None else planned.result.plan)
         if now.mode != before.mode:
             self._view.status(_status(now, station))
 
 
-def _status(now: Situation, station: StationView) -> list[str]:
+def _status(now: SupervisorState, station: StationView) -> list[str]:
     doing = now.reason if now.over else DOING.get(now.mode, now.mode)
-    lines = [f"look {now.action.look}, {now.memory.actions} actions", doing]
+    lines = [f"look {now.action.look}, {now.policy_state.actions} actions", doing]
     truth = station.truth()
     if truth is not None:
         lines.append(

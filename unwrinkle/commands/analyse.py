@@ -15,8 +15,9 @@ from unwrinkle.commands._shared.capture import (
     SeedOption,
     SensorOption,
     YawOption,
-    analysed,
     finished_folder,
+    flattener_for,
+    observed,
     print_wrinkles,
     save_analysis,
 )
@@ -31,7 +32,7 @@ def analyse(
     pose: PoseOption = None,
     yaw: YawOption = 0.0,
     sensor: SensorOption = None,
-    mode: ModeOption = "foot",
+    mode: ModeOption = None,
     scenario: ScenarioOption = None,
     out: OutOption = None,
     seed: SeedOption = 0,
@@ -40,22 +41,32 @@ def analyse(
     """Find the wrinkles of a garment and what both hands should do about the largest."""
     from rich.console import Console
 
+    from unwrinkle.flattening.flattener import Choice
     from unwrinkle.models.robot import load_cell
     from unwrinkle.models.scenario import load_scenario
-    from unwrinkle.perception.target import FlatteningTarget
 
     options = CaptureOptions(
-        tuple(files), head, camera, colour, registered, pose, yaw, sensor, mode, seed
+        files=tuple(files),
+        head=head,
+        camera=camera,
+        colour=colour,
+        registered=registered,
+        pose=pose,
+        yaw=yaw,
+        sensor=sensor,
+        mode=mode,
+        seed=seed,
     )
-    analysis = analysed(options, load_cell(load_scenario(scenario)))
+    flattener = flattener_for(options, load_cell(load_scenario(scenario)))
+    observation = observed(options, flattener)
+    chosen = flattener.choose(observation)
     folder = out or options.folder
     with finished_folder(folder) as work:
-        save_analysis(work, analysis, options, pictures=pictures, singles=True)
+        save_analysis(work, observation, chosen, options, pictures=pictures, singles=True)
     console = Console()
-    print_wrinkles(console, analysis, analysis.target_index)
-    target = analysis.target
-    if isinstance(target, FlatteningTarget):
-        for number, hand in enumerate(target.hands):
+    print_wrinkles(console, observation.analysis, chosen)
+    if isinstance(chosen, Choice):
+        for number, hand in enumerate(chosen.target.hands):
             console.print(
                 f"hand {number}: grasp ({hand.p_WG[0]:+.3f}, {hand.p_WG[1]:+.3f}) m, pull "
                 f"{1e3 * hand.pull_distance:.1f} mm along ({hand.pull_direction[0]:+.2f}, "
@@ -63,5 +74,5 @@ def analyse(
                 highlight=False,
             )
     else:
-        console.print(f"no target: {target.reason}", highlight=False)
+        console.print(f"no target: {chosen.stop.reason}", highlight=False)
     console.print(f"written to {folder}/", highlight=False)

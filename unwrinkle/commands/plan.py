@@ -21,8 +21,9 @@ from unwrinkle.commands._shared.capture import (
     SeedOption,
     SensorOption,
     YawOption,
-    analysed,
     finished_folder,
+    flattener_for,
+    observed,
     print_wrinkles,
     save_analysis,
 )
@@ -30,13 +31,13 @@ from unwrinkle.commands._shared.posture import StartOption, posture
 from unwrinkle.models.errors import NoSafePlanError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
     from rich.console import Console
 
+    from unwrinkle.flattening.flattener import Choice, Proposal
+    from unwrinkle.flattening.observation import Observation
+    from unwrinkle.flattening.policy import Stop
     from unwrinkle.models.robot import Cell
-    from unwrinkle.perception.wrinkles.analysis import Analysis
-    from unwrinkle.planning.search.planner import PlanResult
+    from unwrinkle.planning.plan import FlatteningPlan
     from unwrinkle.planning.verification.verdict import Verdict
 
 
@@ -52,7 +53,7 @@ def plan(
     pose: PoseOption = None,
     yaw: YawOption = 0.0,
     sensor: SensorOption = None,
-    mode: ModeOption = "foot",
+    mode: ModeOption = None,
     arms: Annotated[str, typer.Option(help="any (two if possible), dual or single.")] = "any",
     speed: Annotated[
         float | None, typer.Option(help="Fraction of the catalogue speed [the scenario's].")
@@ -70,7 +71,16 @@ def plan(
     from unwrinkle.models.scenario import load_scenario
 
     options = CaptureOptions(
-        tuple(files), head, camera, colour, registered, pose, yaw, sensor, mode, seed
+        files=tuple(files),
+        head=head,
+        camera=camera,
+        colour=colour,
+        registered=registered,
+        pose=pose,
+        yaw=yaw,
+        sensor=sensor,
+        mode=mode,
+        seed=seed,
     )
     console = Console()
     clock = _Clock()
@@ -78,92 +88,79 @@ def plan(
     if speed is not None:
         cell = cell.with_speed(speed)
     standing = None if start is None else posture(start, cell.robot)
+    flattener = flattener_for(options, cell)
     clock.lap("start")
-    analysis = analysed(options, cell)
+    observation = observed(options, flattener)
     clock.lap("perception")
     folder = out or options.folder
-    chosen = _planned(analysis, cell, arms, standing, clock)
-    print_wrinkles(console, analysis, None if chosen is None else chosen[0])
-    if chosen is None:
-        with finished_folder(folder, outdated=_PLAN_FILES) as work:
-            save_analysis(work, analysis, options, pictures=pictures)
-        console.print(
-            f"flat: no wrinkle asks for a pull of {1e3 * analysis.profile.halting_pull:.0f} mm; "
-            f"nothing to plan. Analysis in {folder}/",
-            highlight=False,
-        )
+    proposal = flattener.propose(observation, start=standing, arms=arms)
+    if proposal.stop is not None:
+        _nothing_planned(proposal, proposal.stop, observation, options, folder, console, pictures)
         return
-    index, result, verdict = chosen
+    assert proposal.plan is not None and proposal.verdict is not None
+    assert proposal.choice is not None and proposal.result is not None
+    planning = proposal.result.result.timings.total
+    clock.add("planning", planning)
+    clock.lap("cell model, verification", less=planning)
+    print_wrinkles(console, observation.analysis, proposal.choice)
     with finished_folder(folder) as work:
-        save_analysis(work, analysis, options, pictures=pictures)
+        save_analysis(work, observation, proposal.choice, options, pictures=pictures)
         clock.lap("pictures")
-        _save_plan(work, result, verdict, cell, options.name)
+        _save_plan(work, proposal.plan, proposal.verdict, cell, options.name)
         clock.lap("page")
-    _print_plan(console, index, result, verdict)
+    _print_plan(console, proposal.choice, proposal.plan, proposal.verdict)
     console.print(f"times: {clock}", highlight=False)
     console.print(f"plan    {folder / 'plan.npz'}", highlight=False)
     console.print(f"page    {folder / 'preview.html'}", highlight=False)
 
 
-def _planned(
-    analysis: "Analysis",
-    cell: "Cell",
-    arms: str,
-    start: "NDArray[np.float64] | None",
-    clock: "_Clock",
-) -> "tuple[int, PlanResult, Verdict] | None":
-    """A verified plan for the largest wrinkle that has one; None if the garment is flat.
+def _nothing_planned(
+    proposal: "Proposal",
+    stop: "Stop",
+    observation: "Observation",
+    options: CaptureOptions,
+    folder: Path,
+    console: "Console",
+    pictures: bool,
+) -> None:
+    """Write the analysis of a flat garment.
 
     Raises:
-        NoSafePlanError: there are wrinkles to flatten, and no verified motion for any.
+        NoSafePlanError: the garment is not flat, and no motion for it passes its verification.
     """
-    from unwrinkle.flattening.verified_planning import plan_verified
-    from unwrinkle.perception.target import NoTarget
-    from unwrinkle.planning.search.planner import FlatteningPlanner
-    from unwrinkle.viewer.garment_mesh import garment_of
+    from unwrinkle.flattening.flattener import NoChoice
 
-    if analysis.flat:
-        return None
-    planner = FlatteningPlanner(cell)
-    clock.lap("cell model")
-    reasons: list[str] = []
-    for index in analysis.worth_pulling:
-        target = analysis.target_for(index)
-        if isinstance(target, NoTarget):
-            reasons.append(f"wrinkle {index + 1}: {target.reason}")
-            continue
-        garment = garment_of(analysis, index)
-        clock.lap("garment mesh")
-        found = plan_verified(planner, cell, target, start=start, garment=garment, arms=arms)
-        result = found.result
-        clock.add("planning", result.timings.total)
-        clock.lap("verification", less=result.timings.total)
-        if found.verdict is not None:
-            return index, result, found.verdict
-        message = result.failure.message if result.failure is not None else "no motion"
-        reasons.append(f"wrinkle {index + 1}: {message}")
-    raise NoSafePlanError("no verified plan: " + "; ".join(reasons))
+    chosen = NoChoice(stop, proposal.state, proposal.refusals)
+    print_wrinkles(console, observation.analysis, chosen)
+    if not stop.flat:
+        reasons = "; ".join(
+            f"wrinkle {refusal.wrinkle + 1}, {refusal.arms}: {refusal.reason}"
+            for refusal in proposal.refusals
+        )
+        raise NoSafePlanError(f"no verified plan: {reasons or stop.reason}")
+    with finished_folder(folder, outdated=_PLAN_FILES) as work:
+        save_analysis(work, observation, chosen, options, pictures=pictures)
+    console.print(f"{stop.reason}; nothing to plan. Analysis in {folder}/", highlight=False)
 
 
 def _save_plan(
-    folder: Path, result: "PlanResult", verdict: "Verdict", cell: "Cell", title: str
+    folder: Path, plan: "FlatteningPlan", verdict: "Verdict", cell: "Cell", title: str
 ) -> None:
     from unwrinkle.models.files import write_json, write_text
     from unwrinkle.viewer.overlay import PreviewSummary
     from unwrinkle.viewer.preview import preview_page
 
-    assert result.plan is not None
-    result.plan.save(folder / _PLAN)
+    plan.save(folder / _PLAN)
     write_json(folder / _VERDICT, verdict.to_json())
-    page = preview_page(result.plan, cell, PreviewSummary.of(verdict), title=title)
+    page = preview_page(plan, cell, PreviewSummary.of(verdict), title=title)
     write_text(folder / _PAGE, page)
 
 
-def _print_plan(console: "Console", index: int, result: "PlanResult", verdict: "Verdict") -> None:
+def _print_plan(
+    console: "Console", choice: "Choice", plan: "FlatteningPlan", verdict: "Verdict"
+) -> None:
     from math import degrees
 
-    plan = result.plan
-    assert plan is not None
     kind = "dual-arm" if plan.dual else "single-arm"
     tools = []
     for name, arm in zip(("right", "left"), plan.arms, strict=True):
@@ -171,7 +168,7 @@ def _print_plan(console: "Console", index: int, result: "PlanResult", verdict: "
             pull = 1e3 * arm.share * plan.target.hands[arm.side].pull_distance
             tools.append(f"{name} arm pulls {pull:.1f} mm, tilt {degrees(arm.tilt):.0f} deg")
     console.print(
-        f"{kind} plan for wrinkle {index + 1}: turn-table {degrees(plan.turntable):.0f} deg, "
+        f"{kind} plan for wrinkle {choice.decision.wrinkle.index + 1}: turn-table {degrees(plan.turntable):.0f} deg, "
         f"{', '.join(tools)}; motion {plan.motion_time:.2f} s",
         highlight=False,
     )

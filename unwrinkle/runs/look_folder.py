@@ -5,24 +5,25 @@ import json
 from collections.abc import Callable
 from dataclasses import astuple
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.flattening.flattener import analysis_report
+from unwrinkle.flattening.observation import Observation
+from unwrinkle.flattening.policy import Stop
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.files import atomic_path, write_json
 from unwrinkle.perception.depth.capture import Capture, load_capture, save_capture
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.stereo.head import Gaze
 from unwrinkle.perception.stereo.head_file import NOMINAL_HEAD, Look, nominal_calibration
+from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification.verdict import Verdict
 from unwrinkle.runs.records import ActionRecord, MotionRecord
-
-if TYPE_CHECKING:
-    from unwrinkle.perception.wrinkles.analysis import Analysis
 
 #: PNG's fastest compression: a full picture of 16 megapixels is written between two stages.
 _PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
@@ -78,19 +79,28 @@ class LookFolder:
         """Write the range map. Raises InputError if the file cannot be written."""
         range_map.save(self.path / "range_map.npz")
 
-    def save_analysis(self, analysis: "Analysis", *, panel: bool = False) -> None:
-        """Write the analysis with its points; with `panel` also the pictures of all its steps (seconds).
+    def save_analysis(
+        self,
+        observation: Observation,
+        *,
+        target: FlatteningTarget | None = None,
+        wrinkle: int | None = None,
+        stop: Stop | None = None,
+    ) -> None:
+        """Write the analysis with its points, and what was decided on it.
+
+        Args:
+            observation: of the garment.
+            target, wrinkle: that was chosen, and the index of its wrinkle.
+            stop: decision to stop.
 
         Raises:
-            InputError: a file cannot be written.
+            InputError: the file cannot be written.
         """
-        write_json(self.path / "analysis.json", analysis.to_json(points=True))
-        if panel:
-            from unwrinkle.runs.pictures import save_pictures
-
-            title = f"look {self.index}"
-            save_pictures(self.path, analysis, analysis.wrinkledness, title=title, singles=False)
-            (self.path / "panel.png").replace(self.path / "analysis.png")
+        report = analysis_report(
+            observation, target=target, wrinkle=wrinkle, stop=stop, points=True
+        )
+        write_json(self.path / "analysis.json", report)
 
     def save_plan(self, plan: FlatteningPlan, verdict: Verdict | None = None) -> None:
         """Write the plan and what its verification said. Raises InputError if a file cannot be written."""

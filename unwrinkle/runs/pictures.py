@@ -19,9 +19,9 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from unwrinkle.flattening.flattener import Choice, NoChoice
 from unwrinkle.models.files import atomic_path
 from unwrinkle.perception.range_map import RangeMap
-from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.perception.wrinkles.analysis import Analysis
 from unwrinkle.perception.wrinkles.surface import CLASS_NAMES
 from unwrinkle.perception.wrinkles.wrinkledness import Wrinkledness
@@ -48,13 +48,13 @@ Painter = Callable[[Axes, Figure], None]
 def save_pictures(
     folder: Path,
     analysis: Analysis,
-    wrinkledness: Wrinkledness,
+    chosen: Choice | NoChoice,
     *,
     title: str = "",
     singles: bool = True,
 ) -> list[Path]:
     """Write `panel.png` and, with `singles`, one file per picture into the folder; return their paths."""
-    painters = _painters(analysis, wrinkledness)
+    painters = _painters(analysis, chosen)
     written: list[Path] = []
     for name, (caption, painter) in painters.items() if singles else ():
         figure = Figure(figsize=(7.5, 6.0), layout="constrained")
@@ -82,7 +82,7 @@ def _write(figure: Figure, path: Path, dpi: int) -> Path:
     return path
 
 
-def _painters(analysis: Analysis, wrinkledness: Wrinkledness) -> dict[str, tuple[str, Painter]]:
+def _painters(analysis: Analysis, chosen: Choice | NoChoice) -> dict[str, tuple[str, Painter]]:
     range_map = analysis.range_map
     count = len(analysis.wrinkles)
     painters: dict[str, tuple[str, Painter]] = {}
@@ -99,17 +99,17 @@ def _painters(analysis: Analysis, wrinkledness: Wrinkledness) -> dict[str, tuple
     )
     painters["wrinkledness"] = (
         "wrinkledness and its grasp point",
-        lambda a, f: _wrinkledness(a, f, range_map, wrinkledness),
+        lambda a, f: _wrinkledness(a, f, range_map, analysis.wrinkledness),
     )
-    painters["target"] = (_target_caption(analysis), lambda a, f: _target(a, analysis))
+    painters["target"] = (_target_caption(chosen), lambda a, f: _target(a, analysis, chosen))
     return painters
 
 
-def _target_caption(analysis: Analysis) -> str:
-    if isinstance(analysis.target, FlatteningTarget):
-        first, second = (1e3 * hand.pull_distance for hand in analysis.target.hands)
+def _target_caption(chosen: Choice | NoChoice) -> str:
+    if isinstance(chosen, Choice):
+        first, second = (1e3 * hand.pull_distance for hand in chosen.target.hands)
         return f"flattening: pull {first:.0f} mm and {second:.0f} mm"
-    return "nothing to do" if analysis.target.flat else "no target"
+    return "nothing to do" if chosen.stop.flat else "no target"
 
 
 def _extent(range_map: RangeMap) -> tuple[float, float, float, float]:
@@ -245,19 +245,18 @@ def _wrinkledness(
     _frame(axes, range_map)
 
 
-def _target(axes: Axes, analysis: Analysis) -> None:
+def _target(axes: Axes, analysis: Analysis, chosen: Choice | NoChoice) -> None:
     range_map = analysis.range_map
     if range_map.colour is not None:
         axes.imshow(range_map.colour, extent=_extent(range_map))
     else:
         _grey(axes, range_map)
     _outline(axes, range_map, "white" if range_map.colour is not None else "black")
-    target = analysis.target
-    if not isinstance(target, FlatteningTarget):
+    if isinstance(chosen, NoChoice):
         axes.text(
             0.5,
             0.5,
-            _folded(target.reason),
+            _folded(chosen.stop.reason),
             transform=axes.transAxes,
             ha="center",
             va="center",
@@ -266,9 +265,9 @@ def _target(axes: Axes, analysis: Analysis) -> None:
         )
         _frame(axes, range_map)
         return
-    if analysis.target_index is not None:
-        curve = analysis.wrinkles[analysis.target_index].curve
-        axes.plot(curve[:, 0], curve[:, 1], color="#ffeb3b", lw=2.5)
+    target = chosen.target
+    curve = analysis.wrinkles[chosen.decision.wrinkle.index].curve
+    axes.plot(curve[:, 0], curve[:, 1], color="#ffeb3b", lw=2.5)
     x_min, x_max, y_min, y_max = range_map.extent
     reach = 0.12 * max(x_max - x_min, y_max - y_min)
     for hand, colour in zip(target.hands, _HANDS, strict=True):

@@ -106,12 +106,12 @@ class LiveView:
             self.meshcat.SetObject(path, picture_board(picture, 0.52))
             self.meshcat.SetTransform(path, in_first_view(across, -0.86, 3.0))
 
-    def show_analysis(self, analysis: Analysis | None) -> None:
-        """Show the wrinkles that were found, the target's in red; None takes them away."""
+    def show_analysis(self, analysis: Analysis | None, chosen: int | None = None) -> None:
+        """Show the wrinkles that were found, the chosen one in red; None takes them away."""
         self.meshcat.Delete("loop/wrinkles")
         if analysis is not None:
             curves = [wrinkle.curve for wrinkle in analysis.wrinkles]
-            for path, mesh, colour in ridge_shapes(curves, analysis.target_index):
+            for path, mesh, colour in ridge_shapes(curves, chosen):
                 self._mesh(f"loop/wrinkles/{path}", mesh, colour)
 
     def show_plan(self, plan: FlatteningPlan | None) -> None:

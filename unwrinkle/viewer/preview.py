@@ -5,6 +5,7 @@ The cloth is shown as it was seen; how it answers to the pull is not simulated h
 
 import logging
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,10 @@ from numpy.typing import NDArray
 from pydrake.geometry import MeshcatAnimation
 
 from unwrinkle.models.arrays import Array
+from unwrinkle.models.files import write_text
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import FlatteningPlan
+from unwrinkle.planning.verification.verdict import Verdict
 from unwrinkle.viewer.overlay import PreviewSummary, page_with_overlay
 from unwrinkle.viewer.plan_shapes import ARMS, COLOURS, target_shapes, wrinkle_shapes
 from unwrinkle.viewer.playback import Playback, Step
@@ -139,6 +142,25 @@ def preview_page(
     )
     _log.info("preview page of plan %s: %.2f MB", plan.content_hash[:12], 1e-6 * len(page))
     return page
+
+
+def save_preview(
+    path: str | Path, plan: FlatteningPlan, verdict: Verdict, cell: Cell, *, title: str = ""
+) -> None:
+    """Write a self-contained page that shows a plan, its verdict and the motion.
+
+    Args:
+        path: of the HTML file.
+        plan: to be shown.
+        verdict: of the plan.
+        cell: that the plan was made for.
+        title: of the page; the file's name if left out.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    page = preview_page(plan, cell, PreviewSummary.of(verdict), title=title or Path(path).stem)
+    write_text(Path(path), page)
 
 
 class LivePreview:

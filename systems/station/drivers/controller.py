@@ -14,8 +14,9 @@ from unwrinkle.flattening.station_messages import ControllerStatus, TrajectoryCo
 from unwrinkle.hardware import controller_state
 from unwrinkle.hardware.controller_state import DriverStatus, JointFeedback
 from unwrinkle.models.arrays import Array
+from unwrinkle.models.shared import Shared
 from unwrinkle.planning.trajectory import Trajectory
-from unwrinkle.systems.held import held, hold, model
+from unwrinkle.systems.abstract_state import set_state_value, state_value
 
 #: The driver's states in the words of the station's port.
 STATES = {
@@ -54,7 +55,7 @@ class MotionDriver(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class _Snapshot:
+class _Snapshot(Shared):
     status: ControllerStatus
     positions: Array
     velocities: Array
@@ -95,7 +96,7 @@ class ControllerDriverSystem(LeafSystem):
         self._command = self.DeclareAbstractInputPort("trajectory", Value(TrajectoryCommand()))
         self._override = self.DeclareVectorInputPort("speed_override", BasicVector(1))
         start = _Snapshot(ControllerStatus(), first, np.zeros(len(first)))
-        self._state = self.DeclareAbstractState(model(start))
+        self._state = self.DeclareAbstractState(Value(start))
         tickets = {self.abstract_state_ticket(self._state)}
         self.DeclareAbstractOutputPort(
             "status",
@@ -113,7 +114,7 @@ class ControllerDriverSystem(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(feedback_period, 0.0, self._report)
 
     def _now(self, context: Context) -> _Snapshot:
-        snapshot: _Snapshot = held(context, self._state)
+        snapshot: _Snapshot = state_value(context, self._state)
         return snapshot
 
     def _reader(
@@ -154,4 +155,4 @@ class ControllerDriverSystem(LeafSystem):
             snapshot = dc.replace(
                 snapshot, positions=feedback.positions, velocities=feedback.velocities
             )
-        hold(state, self._state, snapshot)
+        set_state_value(state, self._state, snapshot)

@@ -10,10 +10,11 @@ from unwrinkle.flattening.station_messages import DepthImage, HeadCommand, HeadI
 from unwrinkle.hardware.cameras.openni import DepthPicture, OpenNi2Camera
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
+from unwrinkle.models.shared import Shared
 from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.simulation.depth_cameras.cameras import load_depth_camera
 from unwrinkle.simulation.rendering.synthetic_towel import overhead_pose
-from unwrinkle.systems.held import held, hold, model
+from unwrinkle.systems.abstract_state import set_state_value, state_value
 from unwrinkle.systems.station.cameras import AXES_STILL, OFF_BEAT
 from unwrinkle.systems.station.drivers.device_clock import Clock, diagram_time
 
@@ -22,7 +23,7 @@ NO_HEAD = "the head's cameras are not in use"
 
 
 @dataclass(frozen=True, eq=False)
-class _Look:
+class _Look(Shared):
     """The last exposure; `asked` is the head command that one under way will answer."""
 
     image: DepthImage
@@ -63,7 +64,7 @@ class DepthCameraDriverSystem(LeafSystem):
         self._velocity = self.DeclareVectorInputPort("velocity", BasicVector(13))
         nothing = "nothing was exposed yet"
         first = _Look(DepthImage(reason=nothing))
-        self._look = self.DeclareAbstractState(model(first))
+        self._look = self.DeclareAbstractState(Value(first))
         tickets = {self.abstract_state_ticket(self._look)}
         for name in ("left_image", "right_image"):
             self.DeclareAbstractOutputPort(
@@ -72,7 +73,7 @@ class DepthCameraDriverSystem(LeafSystem):
         self.DeclareAbstractOutputPort(
             "depth_image",
             lambda: Value(first.image),
-            lambda context, output: output.set_value(held(context, self._look).image),
+            lambda context, output: output.set_value(state_value(context, self._look).image),
             tickets,
         )
         self.DeclareVectorOutputPort(
@@ -84,12 +85,12 @@ class DepthCameraDriverSystem(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, OFF_BEAT, self._update)
 
     def _head_image(self, context: Context, output: Value) -> None:
-        image: DepthImage = held(context, self._look).image
+        image: DepthImage = state_value(context, self._look).image
         reason = NO_HEAD if image.number else image.reason
         output.set_value(HeadImage(image.number, None, time=image.time, reason=reason))
 
     def _update(self, context: Context, state: State) -> EventStatus:
-        look: _Look = held(context, self._look)
+        look: _Look = state_value(context, self._look)
         self._camera.poll(self._clock(context.get_time()))
         resting = bool(np.abs(self._velocity.Eval(context)).max() <= AXES_STILL)
         if look.asked > look.image.number:
@@ -97,13 +98,13 @@ class DepthCameraDriverSystem(LeafSystem):
             if picture is None or picture.number != look.asked:
                 return EventStatus.DidNothing()
             image = self._taken(picture, context.get_time(), resting)
-            hold(state, self._look, _Look(image, look.asked))
+            set_state_value(state, self._look, _Look(image, look.asked))
             return EventStatus.Succeeded()
         number = self._command.Eval(context).number
         if number <= look.image.number or not resting:
             return EventStatus.DidNothing()
         self._camera.start(number)
-        hold(state, self._look, _Look(look.image, number))
+        set_state_value(state, self._look, _Look(look.image, number))
         return EventStatus.Succeeded()
 
     def _taken(self, picture: DepthPicture, now: float, resting: bool) -> DepthImage:

@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, LeafSystem, State
 from unwrinkle.flattening.station_messages import GripperCommand, GripperStatus
 from unwrinkle.hardware.grippers.base import Grippers
 from unwrinkle.hardware.run_log.protocol import NoLog, RunLogger
-from unwrinkle.systems.held import held, hold, model
+from unwrinkle.systems.abstract_state import set_state_value, state_value
 from unwrinkle.systems.station.drivers.device_clock import Clock, diagram_time
 
 
@@ -50,11 +50,11 @@ class GripperDriverSystem(LeafSystem):
             grippers.command(1, (False, False))
         self._command = self.DeclareAbstractInputPort("command", Value(GripperCommand()))
         first = GripperStatus(opening=(opening, opening))
-        self._state = self.DeclareAbstractState(model(first))
+        self._state = self.DeclareAbstractState(Value(first))
         self.DeclareAbstractOutputPort(
             "status",
             lambda: Value(GripperStatus()),
-            self._shown(lambda context: held(context, self._state)),
+            self._shown(lambda context: state_value(context, self._state)),
             {self.abstract_state_ticket(self._state)},
         )
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
@@ -81,4 +81,4 @@ class GripperDriverSystem(LeafSystem):
         )
         done = max(report.command - self._before, 0)
         status = GripperStatus(done, opening, report.closed, (held_right, held_left), report.reason)
-        hold(state, self._state, status)
+        set_state_value(state, self._state, status)

@@ -9,7 +9,8 @@ from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSys
 
 from unwrinkle.flattening.station_messages import DepthImage, HeadImage
 from unwrinkle.hardware.cameras.base import PairCamera, PairPicture
-from unwrinkle.systems.held import held, hold, model
+from unwrinkle.models.shared import Shared
+from unwrinkle.systems.abstract_state import set_state_value, state_value
 from unwrinkle.systems.station.cameras import AXES_STILL, OFF_BEAT
 from unwrinkle.systems.station.drivers.device_clock import Clock, diagram_time
 from unwrinkle.systems.station.head import HeadStatus, reported_gaze
@@ -19,7 +20,7 @@ NO_DEPTH = "this site has no depth camera"
 
 
 @dataclass(frozen=True, eq=False)
-class _Pair:
+class _Pair(Shared):
     """The last pair; `asked` is the head command that an exposure under way will answer."""
 
     left: HeadImage
@@ -51,32 +52,32 @@ class PairCameraSystem(LeafSystem):
         self._position = self.DeclareVectorInputPort("position", BasicVector(13))
         self._velocity = self.DeclareVectorInputPort("velocity", BasicVector(13))
         nothing = HeadImage(reason="nothing was exposed yet")
-        self._pair = self.DeclareAbstractState(model(_Pair(nothing, nothing)))
+        self._pair = self.DeclareAbstractState(Value(_Pair(nothing, nothing)))
         tickets = {self.abstract_state_ticket(self._pair)}
         self.DeclareAbstractOutputPort(
             "left_image",
             lambda: Value(nothing),
-            lambda context, output: output.set_value(held(context, self._pair).left),
+            lambda context, output: output.set_value(state_value(context, self._pair).left),
             tickets,
         )
         self.DeclareAbstractOutputPort(
             "right_image",
             lambda: Value(nothing),
-            lambda context, output: output.set_value(held(context, self._pair).right),
+            lambda context, output: output.set_value(state_value(context, self._pair).right),
             tickets,
         )
         self.DeclareAbstractOutputPort(
             "depth_image",
             lambda: Value(DepthImage()),
             lambda context, output: output.set_value(
-                DepthImage(held(context, self._pair).left.number, None, 0.0, NO_DEPTH)
+                DepthImage(state_value(context, self._pair).left.number, None, 0.0, NO_DEPTH)
             ),
             tickets,
         )
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, OFF_BEAT, self._update)
 
     def _update(self, context: Context, state: State) -> EventStatus:
-        pair: _Pair = held(context, self._pair)
+        pair: _Pair = state_value(context, self._pair)
         head: HeadStatus = self._head.Eval(context)
         now = context.get_time()
         self._camera.poll(self._clock(now))
@@ -84,18 +85,18 @@ class PairCameraSystem(LeafSystem):
             picture = self._camera.result
             if picture is None or picture.number != pair.asked:
                 return EventStatus.DidNothing()
-            hold(state, self._pair, self._taken(context, picture, head))
+            set_state_value(state, self._pair, self._taken(context, picture, head))
             return EventStatus.Succeeded()
         if head.number <= pair.left.number:
             return EventStatus.DidNothing()
         if head.reason:
             none = HeadImage(head.number, None, time=now, reason=head.reason)
-            hold(state, self._pair, _Pair(none, none, head.number))
+            set_state_value(state, self._pair, _Pair(none, none, head.number))
             return EventStatus.Succeeded()
         if not head.still or np.abs(self._velocity.Eval(context)).max() > AXES_STILL:
             return EventStatus.DidNothing()
         self._camera.start(head.number)
-        hold(state, self._pair, _Pair(pair.left, pair.right, head.number))
+        set_state_value(state, self._pair, _Pair(pair.left, pair.right, head.number))
         return EventStatus.Succeeded()
 
     def _taken(self, context: Context, picture: PairPicture, head: HeadStatus) -> _Pair:

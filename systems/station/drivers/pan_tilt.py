@@ -9,7 +9,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 from unwrinkle.flattening.station_messages import HeadCommand
 from unwrinkle.hardware.pan_tilt.driver import PanTiltDriver
 from unwrinkle.models.arrays import Array
-from unwrinkle.systems.held import held, hold, model
+from unwrinkle.systems.abstract_state import set_state_value, state_value
 from unwrinkle.systems.station.drivers.device_clock import Clock, diagram_time
 from unwrinkle.systems.station.head import HeadStatus
 
@@ -45,12 +45,12 @@ class PanTiltDriverSystem(LeafSystem):
         self._sent = 0
         self._command = self.DeclareAbstractInputPort("command", Value(HeadCommand()))
         first = HeadStatus(0, True, self._angles())
-        self._state = self.DeclareAbstractState(model(first))
+        self._state = self.DeclareAbstractState(Value(first))
         tickets = {self.abstract_state_ticket(self._state)}
         self.DeclareAbstractOutputPort(
             "status",
             lambda: Value(first),
-            lambda context, output: output.set_value(held(context, self._state)),
+            lambda context, output: output.set_value(state_value(context, self._state)),
             tickets,
         )
         self.DeclareVectorOutputPort("position", BasicVector(4), self._position, tickets)
@@ -76,8 +76,8 @@ class PanTiltDriverSystem(LeafSystem):
         number = min(status.number for status in statuses)
         reason = "; ".join(status.reason for status in statuses if status.reason)
         still = all(status.still for status in statuses) and number == self._sent
-        hold(state, self._state, HeadStatus(number, still, self._angles(), reason))
+        set_state_value(state, self._state, HeadStatus(number, still, self._angles(), reason))
 
     def _position(self, context: Context, output: BasicVector) -> None:
-        status: HeadStatus = held(context, self._state)
+        status: HeadStatus = state_value(context, self._state)
         output.SetFromVector(status.angles)

@@ -15,10 +15,14 @@ from unwrinkle.benchmarks.analysis import (
     map_of,
     ridged_towel,
 )
+from unwrinkle.flattening.flattener import Choice, NoChoice, choose
+from unwrinkle.flattening.observation import Observation
+from unwrinkle.flattening.policy import PolicyState, Stop, decide
 from unwrinkle.models import InputError
+from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.perception.depth.range_mapping import load_capture, range_map_from_capture
 from unwrinkle.perception.sensor import noise_profile
-from unwrinkle.perception.target import FlatteningTarget, NoTarget
+from unwrinkle.perception.target import NoTarget
 from unwrinkle.perception.wrinkles.analysis import analyse
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
 
@@ -38,6 +42,11 @@ UC3M = (
     "sweater02_1",
     "tshirt01_1",
 )
+
+
+def chosen(analysis):
+    """What the closed loop would do about it, by the shipped rules."""
+    return choose(Observation.of(analysis), PolicyState(), LoopSettings(mode=analysis.mode))
 
 
 def analysed(path):
@@ -73,8 +82,8 @@ def test_crossing_ridges_stay_separate_wrinkles(seed):
 def test_flat_cloth_has_no_wrinkle_above_the_halting_measure(sensor):
     for seed in range(50):
         analysis = analyse(flat_map(sensor, seed), table=TABLE)
-        assert analysis.flat and analysis.halting_measure < 0.002
-        assert isinstance(analysis.target, NoTarget) and analysis.target.flat
+        assert analysis.halting_measure < 0.002
+        assert isinstance(chosen(analysis), NoChoice) and chosen(analysis).stop.flat
 
 
 def test_the_largest_wrinkle_that_can_be_grasped_is_the_target():
@@ -89,10 +98,10 @@ def test_the_largest_wrinkle_that_can_be_grasped_is_the_target():
     )
     analysis = analyse(map_of(towel, 0.0005), table=TABLE)
     assert analysis.wrinkles[0].centre[0] > 0.25
-    assert isinstance(analysis.target, FlatteningTarget)
-    assert analysis.target_index == 1
+    choice = chosen(analysis)
+    assert isinstance(choice, Choice) and choice.decision.wrinkle.index == 1
     assert isinstance(analysis.target_for(0), NoTarget)
-    assert [index for index, _ in analysis.targets()] == [1]
+    assert [(r.wrinkle, r.arms) for r in choice.refusals] == [(0, "dual")]
     with pytest.raises(InputError, match="wrinkle 2"):
         analysis.target_for(2)
 
@@ -102,11 +111,15 @@ def test_below_the_halting_pull_the_garment_is_flat():
     range_map = map_of(towel, 0.0005)
     foot, paper = analyse(range_map, table=TABLE), analyse(range_map, mode="paper", table=TABLE)
     assert foot.halting_measure > paper.halting_measure
-    assert paper.flat and isinstance(paper.target, NoTarget) and paper.target.flat
-    eager = replace(noise_profile("stereo"), halting_pull=0.001)
-    assert isinstance(
-        analyse(range_map, mode="paper", profile=eager, table=TABLE).target, FlatteningTarget
+    low = replace(
+        Observation.of(paper).features,
+        wrinkles=tuple(replace(w, height=0.003) for w in Observation.of(paper).features.wrinkles),
     )
+    assert paper.halting_measure < 0.005
+    stop = decide(low, PolicyState(), LoopSettings())
+    assert isinstance(stop, Stop) and stop.flat
+    eager = replace(noise_profile("stereo"), halting_pull=0.001)
+    assert isinstance(chosen(analyse(range_map, mode="paper", profile=eager, table=TABLE)), Choice)
 
 
 def test_maps_have_the_range_maps_shape_and_json_is_plain():
@@ -117,9 +130,6 @@ def test_maps_have_the_range_maps_shape_and_json_is_plain():
     assert analysis.wrinkledness.entropy.shape == analysis.surface.z.shape
     report = json.loads(json.dumps(analysis.to_json(points=True)))
     assert len(report["wrinkles"]) == len(analysis.wrinkles)
-    assert report["target"]["wrinkle"] == analysis.target_index
-    again = {k: v for k, v in report["target"].items() if k != "wrinkle"}
-    assert FlatteningTarget.from_json(again).to_json() == analysis.target.to_json()
 
 
 def test_the_same_map_gives_the_same_analysis():
@@ -174,7 +184,7 @@ def test_long_folds_of_the_robe_are_the_largest(shared_data):
     for fold, angle in zip(folds, (38.0, -18.0), strict=True):
         assert angle_between(fold.direction, np.radians(angle)) < np.radians(6.0)
         assert 0.025 < fold.width < 0.037
-    assert isinstance(analysis.target, FlatteningTarget)
+    assert isinstance(chosen(analysis), Choice)
 
 
 @pytest.mark.slow

@@ -40,7 +40,7 @@ def analysed(angle=0.0, *, height=0.022, centre=CENTRE, side=0.4, extent=0.5, **
 @pytest.mark.parametrize("angle", [0.0, 0.4, 1.3, -0.9])
 def test_the_hands_stand_across_the_wrinkle_on_the_contour(angle):
     analysis = analysed(angle)
-    target = analysis.target
+    target = analysis.target_for(0)
     assert isinstance(target, FlatteningTarget)
     normal = analysis.wrinkles[0].normal
     contour = garment_contour(analysis.surface)
@@ -56,7 +56,7 @@ def test_the_hands_stand_across_the_wrinkle_on_the_contour(angle):
 
 
 def test_geodesic_distance_is_the_sections_length():
-    target = analysed().target
+    target = analysed().target_for(0)
     apart = abs(target.hands[1].p_WG[1] - target.hands[0].p_WG[1])
     x = np.linspace(-0.2, 0.2, 40001)
     z = 0.022 * np.exp(-0.5 * (x / 0.0135) ** 2)
@@ -67,15 +67,15 @@ def test_geodesic_distance_is_the_sections_length():
 def test_each_hand_pulls_the_modes_distance():
     for mode in MODES:
         analysis = analysed(mode=mode)
-        assert analysis.target.mode == mode
-        for hand in analysis.target.hands:
+        assert analysis.target_for(0).mode == mode
+        for hand in analysis.target_for(0).hands:
             assert hand.pull_distance == analysis.wrinkles[0].pull_distance(mode)
 
 
 def test_pull_is_limited_by_the_cloth_between_the_hands():
     """A narrow garment: 1.1 x slack for each hand would overstretch it."""
     analysis = analysed(height=0.03, side=0.14, extent=0.3)
-    target = analysis.target
+    target = analysis.target_for(0)
     assert isinstance(target, FlatteningTarget)
     pulls = [hand.pull_distance for hand in target.hands]
     assert pulls[0] == pulls[1] < analysis.wrinkles[0].pull_distance("foot")
@@ -116,20 +116,20 @@ def test_a_ragged_outline_gives_steady_grasp_directions(sensor):
 
 
 def test_over_the_tables_edge_there_is_a_reason():
-    target = analysed(1.3, centre=(0.25, -1.1)).target
+    target = analysed(1.3, centre=(0.25, -1.1)).target_for(0)
     assert isinstance(target, NoTarget)
     assert "table's edge" in target.reason and not target.flat
 
 
 def test_a_contour_cut_by_the_image_is_a_reason():
-    target = analysed(side=0.5, extent=0.42).target
+    target = analysed(side=0.5, extent=0.42).target_for(0)
     assert isinstance(target, NoTarget)
     assert "border" in target.reason
 
 
 def test_a_section_is_shifted_where_the_one_through_the_centre_fails():
     """A table that ends between the wrinkle's centre and one of its ends."""
-    free = analysed(math.pi / 2).target
+    free = analysed(math.pi / 2).target_for(0)
     edge = Table((0.0, -1.1), (0.8, 0.8), 0.70)
     assert isinstance(free, FlatteningTarget)
     analysis = analysed(math.radians(70.0))
@@ -173,9 +173,9 @@ def test_the_section_goes_through_the_highest_part_where_asked():
     (wrinkle,) = highest.wrinkles
     place = section_place(wrinkle, "highest")
     assert section_start(wrinkle, place)[0] == pytest.approx(-0.048, abs=0.012)
-    assert highest.target.p_WC[0] == pytest.approx(section_start(wrinkle, place)[0])
-    assert centre.p_WC[0] == wrinkle.centre[0] > highest.target.p_WC[0] + 0.02
-    assert highest.target_for(0).to_json() == highest.target.to_json()
+    assert highest.target_for(0).p_WC[0] == pytest.approx(section_start(wrinkle, place)[0])
+    assert centre.p_WC[0] == wrinkle.centre[0] > highest.target_for(0).p_WC[0] + 0.02
+    assert highest.target_for(0).to_json() == highest.target_for(0).to_json()
 
 
 def test_the_highest_part_at_an_end_keeps_away_from_it():
@@ -190,9 +190,12 @@ def test_all_slack_that_the_section_crosses_is_pulled_where_asked():
     seen = map_of(Towel(ridges=ridges, side=0.4, waviness=0.0), 0.001, extent=0.5)
     both = analyse(seen, pull="section", table=TABLE)
     one = dc.replace(both, pull="wrinkle").target_for(0)
-    pulls = [found.hands[0].pull_distance for found in (one, both.target)]
+    pulls = [found.hands[0].pull_distance for found in (one, both.target_for(0))]
     assert pulls[0] == both.wrinkles[0].pull_distance("foot")
-    apart = np.hypot(*(both.target.hands[1].p_WG - both.target.hands[0].p_WG)[:2])
-    assert pulls[1] == pytest.approx(1.10 * (both.target.geodesic_distance - apart))
+    apart = np.hypot(*(both.target_for(0).hands[1].p_WG - both.target_for(0).hands[0].p_WG)[:2])
+    assert pulls[1] == pytest.approx(1.10 * (both.target_for(0).geodesic_distance - apart))
     assert 1.7 * pulls[0] < pulls[1] < 2.6 * pulls[0]
-    assert both.target.final_grip_distance <= STRETCH_LIMIT * both.target.geodesic_distance + 1e-9
+    assert (
+        both.target_for(0).final_grip_distance
+        <= STRETCH_LIMIT * both.target_for(0).geodesic_distance + 1e-9
+    )

@@ -14,7 +14,7 @@ from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import load_scenario, with_sensor
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.outlines import outline
-from unwrinkle.systems.perception.ground_truth import TruePerception
+from unwrinkle.systems.perception.ground_truth import TruePerceptionSystem
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def cloth() -> Cloth:
 
 
 def looked(cloth: Cloth, state: ClothState, image: DepthImage, seed: int = 0) -> Perceived:
-    system = TruePerception(cloth, state, seed=seed)
+    system = TruePerceptionSystem(cloth, state, seed=seed)
     context = system.CreateDefaultContext()
     system.GetInputPort("image").FixValue(context, Value(image))
     system.GetInputPort("cloth").FixValue(context, Value(state))

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+from unwrinkle.flattening.observation import Observation
+from unwrinkle.flattening.policy import PolicyState, Stop, decide
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.models.table import Table
 from unwrinkle.perception.sensor import noise_profile
-from unwrinkle.perception.target import NoTarget
 from unwrinkle.perception.wrinkles.analysis import analyse
 from unwrinkle.simulation.cloth.cloth import Cloth
 from unwrinkle.simulation.cloth.outlines import outline
@@ -38,7 +40,8 @@ def test_a_flat_towel_lies_where_it_is_and_is_as_thick_as_it_is() -> None:
     steps = np.diff(off[:2000])
     assert steps.std() < 0.5 * noise  # alike from cell to cell
     found = analyse(seen, table=TABLE)
-    assert isinstance(found.target, NoTarget) and found.target.flat
+    decision = decide(Observation.of(found).features, PolicyState(), LoopSettings())
+    assert isinstance(decision, Stop) and decision.flat
 
 
 def test_same_seed_same_map_and_another_noise_for_another_seed() -> None:

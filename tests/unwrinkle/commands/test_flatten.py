@@ -15,7 +15,7 @@ from unwrinkle.closed_loop.run import FlatteningRun, Seconds
 from unwrinkle.closed_loop.session import Choices, Session, begin, go_on
 from unwrinkle.closed_loop.setup import build_loop, scenario_text, with_choices
 from unwrinkle.closed_loop.station_view import StationView
-from unwrinkle.flattening.state import Situation
+from unwrinkle.flattening.state import SupervisorState
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import load_scenario
 from unwrinkle.runs.folder import RunFolder
@@ -52,7 +52,7 @@ class At:
         self.mode, self.count, self.action = mode, count, action
 
     def update(
-        self, before: Situation, now: Situation, station: StationView, seconds: Seconds
+        self, before: SupervisorState, now: SupervisorState, station: StationView, seconds: Seconds
     ) -> None:
         if now.mode == self.mode != before.mode:
             self.count -= 1
@@ -151,7 +151,11 @@ def test_interrupt_while_pulling_then_going_on(small: Callable[..., Session]) ->
 
     class Ended:
         def update(
-            self, before: Situation, now: Situation, station: StationView, seconds: Seconds
+            self,
+            before: SupervisorState,
+            now: SupervisorState,
+            station: StationView,
+            seconds: Seconds,
         ) -> None:
             if now.over:
                 seen.append(at_rest(station))
@@ -184,12 +188,16 @@ def test_a_disk_that_is_full_ends_at_rest(
     session = small()
     stations: list[StationView] = []
 
-    def full(self: Recorder, now: Situation) -> None:
+    def full(self: Recorder, now: SupervisorState) -> None:
         raise InputError("cannot write plan.npz: no space left on device")
 
     class Keep:
         def update(
-            self, before: Situation, now: Situation, station: StationView, seconds: Seconds
+            self,
+            before: SupervisorState,
+            now: SupervisorState,
+            station: StationView,
+            seconds: Seconds,
         ) -> None:
             stations[:] = [station]
 
@@ -211,4 +219,4 @@ def test_cameras_that_fail_twice(cameras: dict[int, str], words: str) -> None:
     loop = build_loop(scenario, faults=StationFaults(cameras=cameras))
     ending = FlatteningRun(loop).run()
     assert ending.status == "stopped" and words in ending.reason
-    assert ending.situation.memory.actions == 0
+    assert ending.supervisor_state.memory.actions == 0

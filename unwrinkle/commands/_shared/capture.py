@@ -15,11 +15,10 @@ from unwrinkle.models.errors import InputError
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from unwrinkle.flattening.flattener import Choice, Flattener, NoChoice
+    from unwrinkle.flattening.observation import Observation
     from unwrinkle.models.robot import Cell
-    from unwrinkle.perception.range_map import RangeMap
-    from unwrinkle.perception.sensor import NoiseProfile
     from unwrinkle.perception.wrinkles.analysis import Analysis
-    from unwrinkle.perception.wrinkles.wrinkledness import Wrinkledness
 
 CaptureArgument = Annotated[
     list[Path],
@@ -50,7 +49,10 @@ SensorOption = Annotated[
     str | None,
     typer.Option(help="Noise profile: stereo, stereo-head, xtion, tof (default: the camera's)."),
 ]
-ModeOption = Annotated[str, typer.Option(help="Pull distance: foot (all slack), paper or between.")]
+ModeOption = Annotated[
+    str | None,
+    typer.Option(help="Pull distance: foot (all slack), paper or between [the scenario's]."),
+]
 OutOption = Annotated[
     Path | None, typer.Option(help="Folder for the results [out/<name of the capture>].")
 ]
@@ -77,7 +79,7 @@ class CaptureOptions:
     pose: Path | None = None
     yaw: float = 0.0
     sensor: str | None = None
-    mode: str = "foot"
+    mode: str | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -112,72 +114,54 @@ class CaptureOptions:
         return Path("out") / self.files[0].stem
 
 
-def analysed(options: CaptureOptions, cell: "Cell") -> "Analysis":
-    """Read a capture, map it and find its wrinkles.
+def flattener_for(options: CaptureOptions, cell: "Cell") -> "Flattener":
+    """Return the flattener of a cell with the user's choices of sensor and Eq. 5.
 
-    Args:
-        options: of the capture.
-        cell: for its table and the garment's place on it.
+    Raises:
+        InputError: an unknown sensor or mode.
+    """
+    import dataclasses as dc
+
+    from unwrinkle.flattening.flattener import Flattener
+    from unwrinkle.perception.sensor import noise_profile
+
+    rules = cell.scenario.loop
+    if options.mode is not None:
+        rules = dc.replace(rules, mode=options.mode)
+    profile = noise_profile(options.sensor) if options.sensor is not None else None
+    return Flattener(cell, rules=rules, profile=profile)
+
+
+def observed(options: CaptureOptions, flattener: "Flattener") -> "Observation":
+    """Read a capture and find its wrinkles.
 
     Raises:
         InputError: a file or an option cannot be used, or there is no garment.
     """
-    from unwrinkle.perception.sensor import noise_profile
-    from unwrinkle.perception.wrinkles.analysis import analyse
-
-    profile = noise_profile(options.sensor) if options.sensor is not None else None
-    mapped = _map_of_pair if options.head is not None else _map_of_depth
-    range_map = mapped(options, cell, profile)
-    return analyse(range_map, mode=options.mode, profile=profile, table=cell.table)
-
-
-def _map_of_depth(
-    options: CaptureOptions, cell: "Cell", profile: "NoiseProfile | None"
-) -> "RangeMap":
     from math import radians
 
-    from unwrinkle.perception.depth.range_mapping import load_capture, range_map_from_capture
+    from unwrinkle.flattening.perceiving import StereoCapture, load_stereo_capture
+    from unwrinkle.perception.depth.capture import Capture, load_capture
 
-    capture = load_capture(
-        options.files[0],
-        options.camera,
-        options.colour,
-        colour_registered=options.registered,
-        pose=options.pose,
-    )
-    return range_map_from_capture(
-        capture,
-        profile=profile,
-        centre=cell.scenario.garment_centre,
-        table_height=cell.table.height,
-        yaw=radians(options.yaw),
-        seed=options.seed,
-    )
-
-
-def _map_of_pair(
-    options: CaptureOptions, cell: "Cell", profile: "NoiseProfile | None"
-) -> "RangeMap":
-    from unwrinkle.perception.stereo.head_file import load_look
-    from unwrinkle.perception.stereo.pair import load_pair
-    from unwrinkle.perception.stereo.range_mapping import range_map_from_pair
-
-    assert options.head is not None
-    look, calibration = load_look(options.head)
-    pair = load_pair(*options.files)
-    return range_map_from_pair(
-        pair,
-        calibration.stereo_head(cell.limits.head),
-        look.gaze,
-        table=cell.table,
-        profile=profile,
-        seed=options.seed,
-    )
+    capture: Capture | StereoCapture
+    if options.head is not None:
+        left, right = options.files
+        capture = load_stereo_capture(left, right, options.head, flattener.cell)
+    else:
+        capture = load_capture(
+            options.files[0],
+            options.camera,
+            options.colour,
+            colour_registered=options.registered,
+            pose=options.pose,
+        )
+    return flattener.observe(capture, yaw=radians(options.yaw), seed=options.seed)
 
 
 def save_analysis(
     folder: Path,
-    analysis: "Analysis",
+    observation: "Observation",
+    chosen: "Choice | NoChoice",
     options: CaptureOptions,
     *,
     pictures: bool,
@@ -186,20 +170,28 @@ def save_analysis(
     """Write the range map, analysis.json and, if wanted, the panel of pictures and each one singly."""
     from unwrinkle.models.files import write_json
 
-    entropy = analysis.wrinkledness
+    analysis = observation.analysis
     analysis.range_map.save(folder / "range_map.npz")
-    write_json(folder / "analysis.json", _report(analysis, entropy, options))
+    write_json(folder / "analysis.json", _report(observation, chosen, options))
     if pictures:
         from unwrinkle.runs.pictures import save_pictures
 
-        save_pictures(folder, analysis, entropy, title=options.name, singles=singles)
+        save_pictures(folder, analysis, chosen, title=options.name, singles=singles)
 
 
 def _report(
-    analysis: "Analysis", entropy: "Wrinkledness", options: CaptureOptions
+    observation: "Observation", chosen: "Choice | NoChoice", options: CaptureOptions
 ) -> dict[str, object]:
+    from unwrinkle.flattening.flattener import Choice, analysis_report
+
+    entropy = observation.analysis.wrinkledness
+    if isinstance(chosen, Choice):
+        index = chosen.decision.wrinkle.index
+        report = analysis_report(observation, target=chosen.target, wrinkle=index)
+    else:
+        report = analysis_report(observation, stop=chosen.stop)
     return {
-        **analysis.to_json(),
+        **report,
         "capture": options.name,
         "wrinkledness": {
             "point": None if entropy.point is None else entropy.point.tolist(),
@@ -208,12 +200,17 @@ def _report(
     }
 
 
-def print_wrinkles(console: "Console", analysis: "Analysis", marked: int | None) -> None:
+def print_wrinkles(
+    console: "Console", analysis: "Analysis", chosen: "Choice | NoChoice | None"
+) -> None:
     """Print the table of wrinkles, largest first; the one that is to be pulled has a star."""
     from math import atan2, degrees
 
     from rich.table import Table
 
+    from unwrinkle.flattening.flattener import Choice
+
+    marked = chosen.decision.wrinkle.index if isinstance(chosen, Choice) else None
     table = Table(title=f"{len(analysis.wrinkles)} wrinkles, largest first (mm, deg)")
     for name in ("", "length", "width", "chord", "peak", "pull", "angle", "score"):
         table.add_column(name, justify="right")

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from unwrinkle.flattening.garment_surface import MOST_VERTICES, garment_surface
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.range_map import RangeMap
-from unwrinkle.viewer.garment_mesh import MOST_VERTICES, garment_surface
 
 RESOLUTION = 0.002
 ORIGIN = np.array([-0.3, -1.4])

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from unwrinkle.benchmarks._data import TABLE
-from unwrinkle.flattening.policy import NOISES, SeenWrinkle, Sight, sight_of
+from unwrinkle.flattening.observation import GarmentFeatures, Observation, WrinkleFeatures
+from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.wrinkles.analysis import analyse
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
@@ -28,14 +29,19 @@ def test_a_ridge_that_rises_towards_the_rim_is_as_high_as_at_its_highest():
         sensor="stereo-head",
     )
     analysis = analyse(seen, table=TABLE)
-    sight = sight_of(analysis)
+    sight = Observation.of(analysis).features
     assert analysis.wrinkles[0].peak_height < 0.004
     assert 0.0043 < sight.wrinkles[0].height < 0.0062
-    assert sight.worth_pulling(0.004)[0].index == 0
+    assert sight.worth_pulling(LoopSettings(halting_height=0.004))[0].index == 0
 
 
 @pytest.mark.parametrize(("noise", "worth"), [(0.0003, 1), (0.0030, 0)])
 def test_heights_within_the_noise_are_no_reason_to_pull(noise: float, worth: int):
-    low = SeenWrinkle(index=0, centre=(0, -1.1), angle=0.0, volume=9.0, pull=0.001, height=0.005)
-    assert NOISES * 0.0030 > 0.005
-    assert len(Sight((low,), 0.005, noise).worth_pulling(0.004)) == worth
+    low = WrinkleFeatures(
+        index=0, centre=(0, -1.1), angle=0.0, volume=9.0, pull=0.001, height=0.005
+    )
+    assert LoopSettings().noise_multiple * 0.0030 > 0.005
+    assert (
+        len(GarmentFeatures((low,), 0.005, noise).worth_pulling(LoopSettings(halting_height=0.004)))
+        == worth
+    )

@@ -1,4 +1,4 @@
-"""The garment as it was seen, as a coloured mesh small enough for a browser page."""
+"""The garment as it was seen, as a coloured mesh of at most about 100 x 100 vertices, for plans and previews."""
 
 import math
 from typing import Any
@@ -24,17 +24,16 @@ _LEAST_COVER = 0.5
 _LIFT = 0.001
 
 
-def garment_of(analysis: Analysis, index: int | None = None) -> GarmentSurface:
+def garment_of(analysis: Analysis, index: int | None) -> GarmentSurface:
     """Return the garment of an analysis, with one of its wrinkles and the contour around it.
 
     Args:
         analysis: of a range map.
-        index: of the wrinkle, largest first; that of the analysis' target if left out.
+        index: of the wrinkle, largest first; None for no wrinkle.
 
     Raises:
         InputError: no garment was seen.
     """
-    index = analysis.target_index if index is None else index
     wrinkle = None if index is None else analysis.wrinkles[index]
     contour = garment_contour(analysis.surface, None if wrinkle is None else wrinkle.centre)
     return garment_surface(

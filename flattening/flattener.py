@@ -1,0 +1,279 @@
+"""The pipeline as one object: capture to observation, observation to a verified plan or the reason why there is none."""
+
+import dataclasses as dc
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from unwrinkle.flattening import policy
+from unwrinkle.flattening.observation import Observation
+from unwrinkle.flattening.perceiving import StereoCapture, map_of, observation_of
+from unwrinkle.flattening.policy import PolicyState, PullDecision, Stop
+from unwrinkle.flattening.verified_planning import VerifiedResult, plan_verified
+from unwrinkle.models.arrays import Array
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.robot import Cell
+from unwrinkle.models.scenario import LoopSettings
+from unwrinkle.models.shared import Shared
+from unwrinkle.perception.depth.capture import Capture
+from unwrinkle.perception.range_map import RangeMap
+from unwrinkle.perception.sensor import NoiseProfile
+from unwrinkle.perception.target import FlatteningTarget, NoTarget
+from unwrinkle.planning.plan import FlatteningPlan, GarmentSurface
+from unwrinkle.planning.search.planner import FlatteningPlanner
+from unwrinkle.planning.search.settings import PlannerSettings
+from unwrinkle.planning.verification.verdict import Verdict
+
+
+@dataclass(frozen=True)
+class Refusal(Shared):
+    """A wrinkle that could not be pulled.
+
+    Attributes:
+        wrinkle: index in the analysis, largest first.
+        arms: `dual` or `single`.
+        reason: why there is no target, or no verified motion.
+    """
+
+    wrinkle: int
+    arms: str
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Choice(Shared):
+    """The wrinkle to pull next, and how.
+
+    Attributes:
+        decision: of the policy.
+        target: for the hands.
+        state: of the policy, with the wrinkles abandoned on the way.
+        refusals: wrinkles that came first but have no target.
+    """
+
+    decision: PullDecision
+    target: FlatteningTarget
+    state: PolicyState
+    refusals: tuple[Refusal, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class NoChoice(Shared):
+    """Nothing is to be pulled.
+
+    Attributes:
+        stop: why.
+        state: of the policy, with the wrinkles abandoned on the way.
+        refusals: wrinkles without a target.
+    """
+
+    stop: Stop
+    state: PolicyState
+    refusals: tuple[Refusal, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """What to do about an observation.
+
+    Attributes:
+        plan: that passed its verification; None where nothing is to be done, or nothing can be.
+        verdict: of the plan.
+        choice: wrinkle and target of the plan.
+        result: of the planner, with its timings.
+        stop: why there is no plan.
+        refusals: wrinkles that came first but could not be pulled, in order.
+        state: of the policy after it.
+    """
+
+    plan: FlatteningPlan | None = None
+    verdict: Verdict | None = None
+    choice: Choice | None = None
+    result: VerifiedResult | None = None
+    stop: Stop | None = None
+    refusals: tuple[Refusal, ...] = ()
+    state: PolicyState = dc.field(default_factory=PolicyState)
+
+    @property
+    def flat(self) -> bool:
+        """Whether the garment is flat."""
+        return self.stop is not None and self.stop.flat
+
+    @property
+    def reason(self) -> str:
+        """Why there is no plan; empty where there is one."""
+        return "" if self.stop is None else self.stop.reason
+
+
+def choose(observation: Observation, state: PolicyState, rules: LoopSettings) -> Choice | NoChoice:
+    """Choose the next wrinkle that has a target; wrinkles without one are abandoned.
+
+    Args:
+        observation: of the garment.
+        state: of the policy.
+        rules: of the closed loop.
+    """
+    refusals: list[Refusal] = []
+    while True:
+        decision = policy.decide(observation.features, state, rules)
+        if isinstance(decision, Stop):
+            return NoChoice(decision, state, tuple(refusals))
+        target = target_for(observation, decision, rules)
+        if isinstance(target, FlatteningTarget):
+            return Choice(decision, target, state, tuple(refusals))
+        refusals.append(Refusal(decision.wrinkle.index, decision.arms, target.reason))
+        state = policy.after_refusal(state, decision, target.reason)
+
+
+def target_for(
+    observation: Observation, decision: PullDecision, rules: LoopSettings
+) -> FlatteningTarget | NoTarget:
+    """Compute the hands' target of a decision: Eq. 5's pull, increased by the gain and the extra of the rules."""
+    try:
+        target = observation.analysis.target_for(decision.wrinkle.index)
+        if isinstance(target, NoTarget):
+            return target
+        return target.pulled_further(rules.pull_gain, rules.pull_extra)
+    except InputError as error:
+        return NoTarget(" ".join(str(error).split()))
+
+
+def analysis_report(
+    observation: Observation,
+    *,
+    target: FlatteningTarget | None = None,
+    wrinkle: int | None = None,
+    stop: Stop | None = None,
+    points: bool = False,
+) -> dict[str, Any]:
+    """Return an observation and what was decided on it as plain data.
+
+    Args:
+        observation: of the garment.
+        target, wrinkle: that was chosen, and the index of its wrinkle.
+        stop: decision to stop.
+        points: include the wrinkles' point lists.
+    """
+    report = observation.analysis.to_json(points=points)
+    report["flat"] = stop is not None and stop.flat
+    if target is not None:
+        report["target"] = {**target.to_json(), "wrinkle": wrinkle}
+    elif stop is not None:
+        report["target"] = {"none": stop.reason, "flat": stop.flat}
+    return report
+
+
+class Flattener:
+    """Observes a garment and proposes what to do about it, by the rules of the cell's scenario.
+
+    The command line, the closed loop and the benchmarks call it; so a proposal for a capture is the motion that the
+    closed loop would execute after that look.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        *,
+        rules: LoopSettings | None = None,
+        profile: NoiseProfile | None = None,
+        settings: PlannerSettings | None = None,
+    ) -> None:
+        """Keep the cell; the planner's models are built when the first plan is asked for (about a second).
+
+        Args:
+            cell: the robot in its cell.
+            rules: of the closed loop; the scenario's `loop` if left out.
+            profile: of the sensor's noise; None for each capture's own.
+            settings: of the planner.
+        """
+        self.cell = cell
+        self.rules = cell.scenario.loop if rules is None else rules
+        self._profile, self._settings = profile, settings
+
+    @cached_property
+    def planner(self) -> FlatteningPlanner:
+        """The planner, with its models of the cell."""
+        return FlatteningPlanner(self.cell, self._settings)
+
+    def observe(
+        self, capture: Capture | StereoCapture | RangeMap, *, yaw: float = 0.0, seed: int = 0
+    ) -> Observation:
+        """Find the garment and its wrinkles.
+
+        Args:
+            capture: depth image, pair of images, or a range map made of either.
+            yaw: turn of a garment without a camera pose about the vertical, rad.
+            seed: of perception's random choices.
+
+        Raises:
+            InputError: there is no garment, or not enough of it in view.
+        """
+        if not isinstance(capture, RangeMap):
+            capture = map_of(capture, self.cell, profile=self._profile, yaw=yaw, seed=seed)
+        return observation_of(capture, self.cell, rules=self.rules, profile=self._profile)
+
+    def choose(
+        self, observation: Observation, state: PolicyState | None = None
+    ) -> Choice | NoChoice:
+        """Choose the next wrinkle that has a target, without planning; see `choose`."""
+        return choose(observation, state or PolicyState(), self.rules)
+
+    def plan(
+        self,
+        target: FlatteningTarget,
+        *,
+        start: Array | None = None,
+        arms: str = "any",
+        garment: GarmentSurface | None = None,
+    ) -> VerifiedResult:
+        """Plan a motion for a target that passes its verification; see `plan_verified`."""
+        return plan_verified(
+            self.planner, self.cell, target, start=start, garment=garment, arms=arms
+        )
+
+    def propose(
+        self,
+        observation: Observation,
+        *,
+        start: Array | None = None,
+        arms: str | None = None,
+        state: PolicyState | None = None,
+    ) -> Proposal:
+        """Plan and verify a motion for the first wrinkle that has one.
+
+        Args:
+            observation: of the garment.
+            start: (13,) configuration that the robot rests in, rad; home if left out.
+            arms: `any`, `dual` or `single`; the rules' own if left out.
+            state: of the policy after earlier looks and actions.
+
+        Raises:
+            InputError: the start is no configuration, or `arms` is none of the three.
+        """
+        rules = self.rules
+        if arms is not None:
+            if arms not in policy.ARMS:
+                raise InputError(f"arms must be one of {', '.join(policy.ARMS)}, got {arms!r}")
+            rules = dc.replace(rules, arms=arms)
+        state = state or PolicyState()
+        refusals: tuple[Refusal, ...] = ()
+        while True:
+            choice = choose(observation, state, rules)
+            refusals += choice.refusals
+            if isinstance(choice, NoChoice):
+                return Proposal(stop=choice.stop, refusals=refusals, state=choice.state)
+            decision = choice.decision
+            garment = observation.garment(decision.wrinkle.index)
+            found = self.plan(choice.target, start=start, arms=decision.arms, garment=garment)
+            if found.verdict is not None:
+                return Proposal(
+                    found.result.plan,
+                    found.verdict,
+                    choice,
+                    found,
+                    refusals=refusals,
+                    state=choice.state,
+                )
+            reason = found.reason
+            refusals += (Refusal(decision.wrinkle.index, decision.arms, reason),)
+            state = policy.after_refusal(choice.state, decision, reason)

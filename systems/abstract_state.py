@@ -1,0 +1,21 @@
+"""Access to the abstract states of a leaf system.
+
+Drake copies every abstract state of a diagram whenever one of its systems updates its own, hundreds of times a second
+here, and a copy of a Python object is a deep one. So the values derive from `Shared`, whose copies are the value itself.
+"""
+
+from typing import Any
+
+from pydrake.systems.framework import Context, State
+
+from unwrinkle.models.shared import Shared
+
+
+def state_value(context: Context, index: Any) -> Any:
+    """Return the value of an abstract state of a leaf's context."""
+    return context.get_abstract_state(int(index)).get_value()
+
+
+def set_state_value(state: State, index: Any, value: Shared) -> None:
+    """Set the value of an abstract state."""
+    state.get_mutable_abstract_state(int(index)).set_value(value)
