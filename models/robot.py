@@ -27,6 +27,9 @@ from unwrinkle.models.model_files import files_named_by
 from unwrinkle.models.scenario import Scenario, load_scenario, resolve
 from unwrinkle.models.table import Table
 
+#: Greatest difference of a direction cosine from 1 at which the table counts as aligned with the world's axes: 1.4 mrad.
+_ALONG_AXES = 1e-6
+
 
 @dataclass
 class DenavitHartenberg:
@@ -153,7 +156,17 @@ class Cell:
 
     @cached_property
     def table(self) -> Table:
-        """The working table's top, its size along world x and y."""
+        """The working table's top, with its size along world x and y.
+
+        Raises:
+            InputError: the table is not level, or its sides are not along the world's axes.
+        """
+        R_WS = self.table_pose[:3, :3]
+        if min(abs(R_WS[0, 0]), R_WS[2, 2]) < 1.0 - _ALONG_AXES:
+            raise InputError(
+                f"scenario: the table frame {self.scenario.table.frame} is turned; perception and simulation need a level table "
+                "with its sides along the world's x and y"
+            )
         x, y, height = (float(value) for value in self.table_pose[:3, 3])
         across, along = self.scenario.table.size
         return Table((x, y), (across, along), height)

@@ -7,6 +7,7 @@ from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.table import Table
+from unwrinkle.models.transforms import turn
 
 
 @pytest.mark.parametrize(
@@ -37,3 +38,19 @@ def test_points_are_outside_beyond_any_edge_less_the_inset() -> None:
     assert table.overhang(points[0]) == 0.0
     assert table.overhang(np.array([1.43, -1.34])) == pytest.approx(0.05)
     assert table.overhang(np.array([1.39, -1.0]), 0.02) == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(("axis", "angle"), [("z", 0.3), ("z", np.pi / 2), ("x", 0.02)])
+def test_a_turned_table_is_refused(axis: str, angle: float) -> None:
+    cell = load_cell()
+    cell.__dict__["table_pose"] = cell.table_pose @ turn(axis, angle)
+    with pytest.raises(InputError):
+        _ = cell.table
+
+
+def test_a_table_turned_by_half_a_turn_is_the_same() -> None:
+    cell = load_cell()
+    same = cell.table
+    other = load_cell()
+    other.__dict__["table_pose"] = cell.table_pose @ turn("z", np.pi)
+    assert other.table == same
