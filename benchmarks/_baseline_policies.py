@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.table import Table
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import noise_profile
 from unwrinkle.perception.wrinkles.surface import fit_surface
-from unwrinkle.perception.wrinkles.targeting import TableTop
 from unwrinkle.perception.wrinkles.wrinkledness import wrinkledness
 from unwrinkle.simulation.cloth.cloth import Cloth
 from unwrinkle.simulation.cloth.fingers import STEP, carry, let_go, take
@@ -65,11 +65,11 @@ class Pull:
     lift: float
 
 
-Policy = Callable[[RangeMap, TableTop, np.random.Generator, Sequence[Pull]], Pull | None]
+Policy = Callable[[RangeMap, Table, np.random.Generator, Sequence[Pull]], Pull | None]
 
 
 def random_pick_and_place(
-    seen: RangeMap, table: TableTop, rng: np.random.Generator, before: Sequence[Pull]
+    seen: RangeMap, table: Table, rng: np.random.Generator, before: Sequence[Pull]
 ) -> Pull | None:
     """A place on the garment, and one uniformly in the disc of REACH around it that is on the table."""
     cells = np.argwhere(_graspable(seen, table))
@@ -85,7 +85,7 @@ def random_pick_and_place(
 
 
 def contour_pull(
-    seen: RangeMap, table: TableTop, rng: np.random.Generator, before: Sequence[Pull]
+    seen: RangeMap, table: Table, rng: np.random.Generator, before: Sequence[Pull]
 ) -> Pull | None:
     """The outline's farthest point from the centroid that was not pulled just now, outwards by DRAG."""
     mask = _graspable(seen, table)
@@ -110,7 +110,7 @@ def contour_pull(
 
 
 def wrinkledness_pull(
-    seen: RangeMap, table: TableTop, rng: np.random.Generator, before: Sequence[Pull]
+    seen: RangeMap, table: Table, rng: np.random.Generator, before: Sequence[Pull]
 ) -> Pull | None:
     """The grasp point by wrinkledness, away from the garment's centroid by CREST_DRAG."""
     mask = _graspable(seen, table)
@@ -169,11 +169,11 @@ def _duration(length: float) -> float:
     return max(10, math.ceil(1.5 * length / SPEED / STEP)) * STEP
 
 
-def _graspable(seen: RangeMap, table: TableTop) -> NDArray[np.bool_]:
+def _graspable(seen: RangeMap, table: Table) -> NDArray[np.bool_]:
     """The garment's largest piece on the table."""
     ny, nx = seen.shape
     x, y = seen.world_from_cell(np.column_stack([np.arange(max(nx, ny))] * 2)).T
-    half = 0.5 * np.asarray(table.size) - table.margin
+    half = 0.5 * np.asarray(table.size) - MARGIN
     on = (np.abs(y[:ny] - table.centre[1]) <= half[1])[:, None]
     on = on & (np.abs(x[:nx] - table.centre[0]) <= half[0])[None, :]
     mask = (seen.garment & seen.valid & on).astype(np.uint8)
@@ -202,10 +202,10 @@ def _grasp(seen: RangeMap, place: Array) -> Array:
     return np.array([*place, seen.table_height + float(seen.height[row, column])])
 
 
-def _on_table(start: Array, move: Array, table: TableTop) -> Array | None:
+def _on_table(start: Array, move: Array, table: Table) -> Array | None:
     """As much of a move (2,) as ends on the table; None if that is hardly anything."""
     length = float(np.hypot(*move))
     for part in np.linspace(1.0, 0.0, 41):
-        if table.overhang(start + part * move) == 0.0:
+        if table.overhang(start + part * move, MARGIN) == 0.0:
             return part * move if part * length >= _LEAST_DRAG else None
     return None

@@ -9,11 +9,12 @@ from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 
 from unwrinkle.models.cloth import ClothMaterial, load_material
-from unwrinkle.simulation.cloth.cloth import Cloth, ClothState, Support
+from unwrinkle.models.table import Table
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.outlines import Outline
 
 G = 9.81  # m/s^2
-AWAY = Support((50.0, 50.0), (0.5, 0.5), 0.7)  # a table out of the way
+AWAY = Table((50.0, 50.0), (0.5, 0.5), 0.7)  # a table out of the way
 _HEIGHT = 1.0  # m above the floor, for what hangs
 _CALM = {"air_drag": 30.0}  # loaded so slowly that it does not swing beyond its rest
 
@@ -142,7 +143,7 @@ def incline(material: ClothMaterial) -> dict[str, Any]:
         cloth = Cloth(
             patch(n, n, h),
             material,
-            Support((0.0, 0.0), (4.0, 4.0), 0.7),
+            Table((0.0, 0.0), (4.0, 4.0), 0.7),
             gravity=(G * np.sin(angle), 0.0, -G * np.cos(angle)),
         )
         state = dc.replace(cloth.flat((0.0, 0.0)), asleep=False)

@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import UnwrinkleError
-from unwrinkle.simulation.cloth.cloth import Cloth, ClothState, Support
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.fingers import carry, let_go, take
 from unwrinkle.simulation.cloth.initial_states import Centre, ridge, start_state
 from unwrinkle.simulation.cloth.measures import largest_height, measure, overstretch
 from unwrinkle.simulation.cloth.outlines import outline
 
-TABLE = Support((0.0, -1.2), (0.8, 0.8), 0.70)
 CENTRE: Centre = (0.0, -1.1)
 # Direction across the wrinkle in degrees, slack in m.
 WRINKLES = (

@@ -171,7 +171,7 @@ def bad_start(case: Case) -> None:
         verdict = verify(cells.plan(), cells.cell(), start=start)
         case.expect(
             "start" in {item.kind for item in verdict.violations},
-            f"{name}: a plan from elsewhere is not safe",
+            f"{name}: a plan from elsewhere is not verified",
             verdict.summary(),
         )
 

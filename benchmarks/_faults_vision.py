@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from unwrinkle.benchmarks._data import GARMENT_CENTRE, TABLE
 from unwrinkle.benchmarks._fault_rows import Case, Row
 from unwrinkle.benchmarks._faults_pair import perceive, seen_pair
 from unwrinkle.benchmarks._faults_station import (
@@ -160,7 +161,12 @@ def spoiled_depth(case: Case) -> None:
         case.reads(run.end.reason, *words)
     for name, value in (("zero", 0.0), ("NaN", np.nan), ("infinite", np.inf)):
         spoiled = dc.replace(good, depth=holes(0.3, value)(good.depth.copy()))
-        analysis = analyse(range_map_from_capture(spoiled, seed=case.seed))
+        analysis = analyse(
+            range_map_from_capture(
+                spoiled, seed=case.seed, centre=GARMENT_CENTRE, table_height=TABLE.height
+            ),
+            table=TABLE,
+        )
         worth = len(Observation.of(analysis).features.worth_pulling(LoopSettings()))
         case.expect(
             worth == 1 and np.isfinite(analysis.range_map.height).all(),
@@ -170,7 +176,10 @@ def spoiled_depth(case: Case) -> None:
 
 
 def _analysed(capture: Capture) -> Analysis:
-    return analyse(range_map_from_capture(capture))
+    return analyse(
+        range_map_from_capture(capture, centre=GARMENT_CENTRE, table_height=TABLE.height),
+        table=TABLE,
+    )
 
 
 def nothing_to_grasp(case: Case) -> None:
@@ -201,7 +210,7 @@ def nothing_to_grasp(case: Case) -> None:
         table_height=0.7,
         sensor="stereo",
     )
-    analysis = analyse(seen)
+    analysis = analyse(seen, table=TABLE)
     decision = policy.decide(
         Observation.of(analysis).features, policy.PolicyState(looks=1), LoopSettings()
     )

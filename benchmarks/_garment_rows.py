@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.benchmarks._baseline_policies import MARGIN, POLICIES, Pull, carried_out
+from unwrinkle.benchmarks._baseline_policies import POLICIES, Pull, carried_out
 from unwrinkle.benchmarks._loop_rows import VERTICES, changed, start_of
 from unwrinkle.benchmarks._rows import Row
 from unwrinkle.models.archive import save_archive
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.scenario import Scenario, load_scenario
-from unwrinkle.perception.wrinkles.targeting import TableTop
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothError, ClothState
 from unwrinkle.simulation.cloth.measures import measure
 from unwrinkle.systems.perception.true_range_map import true_range_map
@@ -129,8 +128,6 @@ def by_policy(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
     scenario = changed(load_scenario(), settings.get("scenario", {}))
     cell = load_cell(scenario)
     cloth = simulated_cloth(cell)
-    x, y, _ = (float(value) for value in cell.table_centre)
-    table = TableTop((x, y), (scenario.table.size[0], scenario.table.size[1]), MARGIN)
     rng = np.random.default_rng(seed)
     state = _start(cloth, scenario, settings["start"], folder.parent)
     truth, kept = [measure(cloth, state)], [cloth.vertices(state)]
@@ -138,7 +135,7 @@ def by_policy(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
     count = {"idle": 0, "empty": 0, "broken": 0}
     for action in range(int(settings["actions"])):
         seen = true_range_map(cloth, state, _LOOKS * seed + action)
-        pull = policy(seen, table, rng, pulls)
+        pull = policy(seen, cell.table, rng, pulls)
         if pull is None:
             count["idle"] += 1
         else:

@@ -65,7 +65,7 @@ def grasped(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
     cloth = cloth_of(kind, cell)
     start = start_of(kind, cloth, cell, seed, folder / "start.npz")
     truth = measure(cloth, start)
-    analysis = analyse(true_range_map(cloth, start, seed))
+    analysis = analyse(true_range_map(cloth, start, seed), table=cell.table)
     rim = _rim_distance(analysis)
     tried: dict[str, dict[str, Any]] = {}
     lifted = start

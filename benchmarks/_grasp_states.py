@@ -8,7 +8,7 @@ import numpy as np
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.robot import Cell
 from unwrinkle.simulation.cloth import initial_states
-from unwrinkle.simulation.cloth.cloth import Cloth, ClothState, Support
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.outlines import outline
 
 NODES = 80  # along the longer side
@@ -52,10 +52,7 @@ def state_named(name: str) -> GraspState:
 
 def cloth_of(kind: GraspState, cell: Cell) -> Cloth:
     """Return the solver of the state's garment on the cell's working table."""
-    x, y, height = (float(value) for value in cell.table_centre)
-    size = cell.scenario.table.size
-    support = Support((x, y), (size[0], size[1]), height)
-    return Cloth(outline(kind.outline, NODES), load_material(kind.material), support)
+    return Cloth(outline(kind.outline, NODES), load_material(kind.material), cell.table)
 
 
 def start_of(kind: GraspState, cloth: Cloth, cell: Cell, seed: int, file: Path) -> ClothState:

@@ -61,7 +61,7 @@ def flattened(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
     cloth = simulated_cloth(cell)
     start = start_of(cloth, scenario, settings["start"])
     if settings.get("material"):
-        cloth = Cloth(cloth.outline, cloth.material.changed(**settings["material"]), cloth.support)
+        cloth = Cloth(cloth.outline, cloth.material.changed(**settings["material"]), cloth.table)
         start = cloth.settle(dc.replace(start, asleep=False, quiet=0.0))
     head = nominal_calibration().stereo_head(cell.limits.head)
     station = build_sim_station(cell, cloth, start, head=head, seed=seed)

@@ -14,7 +14,7 @@ from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.planning.robot.collision import CollisionModel
 from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.search.key_poses import POSES
-from unwrinkle.planning.search.motion_search import Motion, MotionSearch
+from unwrinkle.planning.search.motion_search import MotionSearch, SevenPoseMotion
 from unwrinkle.planning.search.settings import PlannerSettings
 from unwrinkle.planning.timing.straight_lines import time_line
 
@@ -93,7 +93,7 @@ def rrt_baseline(cell: Cell, targets: list[FlatteningTarget]) -> dict[str, Any]:
     }
 
 
-def _pose_configurations(motion: Motion) -> list[Array]:
+def _pose_configurations(motion: SevenPoseMotion) -> list[Array]:
     a, p, r = motion.paths
     i, j, k = motion.corner_index
     poses = [a[0], a[i], a[-1], p[j], p[-1], r[k], r[-1]]
@@ -149,7 +149,7 @@ def _densified(path: Array) -> Array:
     return np.concatenate(parts)
 
 
-def _stray(kinematics: Kinematics, motion: Motion, legs: list[Array]) -> float:
+def _stray(kinematics: Kinematics, motion: SevenPoseMotion, legs: list[Array]) -> float:
     """Greatest distance of a tool centre point from the planned Cartesian path between the plan and leave poses, m."""
     planned = kinematics.tcp_positions(np.concatenate(motion.paths))
     taken = kinematics.tcp_positions(_densified(np.concatenate(legs[1:-1])))

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.arrays import Pose
 from unwrinkle.models.transforms import inverse, transformed, turn
 from unwrinkle.perception.features import Template, template, view
@@ -23,7 +24,6 @@ from unwrinkle.simulation.rendering.textures import Texture
 FACTOR = 4
 _MOST = 6000
 _SIDE, _MARKER_SIDE = 0.22, 0.08
-_TABLE = np.array([0.0, -1.2, 0.70])
 _SLOT = 0.19  # metres from the table's middle to the middles of its quarters
 _AWAY = np.array([0.0, 0.0, -20.0])
 _HIT = 0.01  # metres; a find this near to a thing's middle is it
@@ -47,10 +47,10 @@ class SearchScene:
             )
         ]
         items.append(rectangle_mesh("marker", (_MARKER_SIDE, _MARKER_SIDE), marker))
-        self._renderer = Renderer(None, items)
+        self._renderer = Renderer(TABLE, items)
         self._head = nominal_head()
         self._seed = seed
-        self._gaze = self._head.gaze_at(_TABLE)
+        self._gaze = self._head.gaze_at(TABLE.top_centre)
         self.places: dict[str, Pose] = {}
 
     def lay(self, places: dict[str, Pose]) -> None:
@@ -110,7 +110,7 @@ def _towel(seed: int) -> Towel:
 
 def _placed(off: NDArray[np.float64], yaw: float) -> Pose:
     X_WM = turn("z", yaw)
-    X_WM[:3, 3] = _TABLE + [off[0], off[1], 0.0005]
+    X_WM[:3, 3] = TABLE.top_centre + [off[0], off[1], 0.0005]
     return X_WM
 
 

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from unwrinkle.models.table import Table
 from unwrinkle.perception.stereo.head import Gaze
 from unwrinkle.perception.stereo.head_file import nominal_head
 from unwrinkle.perception.stereo.pair import StereoPair
-from unwrinkle.perception.stereo.range_mapping import KnownTable, range_map_from_pair
+from unwrinkle.perception.stereo.range_mapping import range_map_from_pair
 
 if TYPE_CHECKING:
     from unwrinkle.benchmarks._stereo_scenes import Scene
@@ -33,7 +34,7 @@ def peak(scene: Scene) -> int:
             return pool.submit(_peak_here, folder, scene.gaze, scene.table).result()
 
 
-def _peak_here(folder: str, gaze: Gaze, table: KnownTable) -> int:
+def _peak_here(folder: str, gaze: Gaze, table: Table) -> int:
     from unwrinkle.perception.stereo.range_mapping import look
 
     left, right = (np.load(Path(folder) / f"{side}.npy") for side in ("left", "right"))

@@ -11,13 +11,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.arrays import Pose
 from unwrinkle.models.robot import load_cell
+from unwrinkle.models.table import Table
 from unwrinkle.models.transforms import transformed
 from unwrinkle.perception.stereo.head import Gaze, StereoHead
 from unwrinkle.perception.stereo.head_file import nominal_head
 from unwrinkle.perception.stereo.pair import StereoPair
-from unwrinkle.perception.stereo.range_mapping import KnownTable
 from unwrinkle.perception.stereo.rectification import Rectification
 from unwrinkle.simulation.rendering.image_noise import photograph_pair
 from unwrinkle.simulation.rendering.meshes import height_field_mesh, rectangle_mesh, towel_mesh
@@ -45,7 +46,7 @@ class Scene:
 
     name: str
     towel: Towel
-    table: KnownTable
+    table: Table
     head: StereoHead
     gaze: Gaze
     pair: StereoPair
@@ -94,8 +95,9 @@ class Scene:
 def cell_scene(kind: str, seed: int) -> Scene:
     """The towel on the working table, seen in the whole cell by the head at home posture."""
     towel = wrinkled_towel(seed)
-    renderer = Renderer(load_cell(), [towel_mesh(towel, kind=kind)])
-    return _scene(f"{kind}, 2.3 m", towel, KnownTable(), renderer, seed)
+    cell = load_cell()
+    renderer = Renderer(cell, [towel_mesh(towel, kind=kind)])
+    return _scene(f"{kind}, 2.3 m", towel, cell.table, renderer, seed)
 
 
 def near_scene(kind: str, seed: int) -> Scene:
@@ -112,7 +114,7 @@ def near_scene(kind: str, seed: int) -> Scene:
     )
     middle = (float(place[0]), float(place[1]))
     towel = dataclasses.replace(far, ridges=ridges, centre=middle, table_height=float(place[2]))
-    table = KnownTable(middle, (0.6, 0.6), float(place[2]))
+    table = Table(middle, (0.6, 0.6), float(place[2]))
     X_WT = np.eye(4)
     X_WT[:3, 3] = place
     top = rectangle_mesh("raised table", table.size, wood(table.size), X_WT)
@@ -126,11 +128,11 @@ def near_scene(kind: str, seed: int) -> Scene:
         table_height=towel.table_height,
         inside=towel.edge_distance,
     )
-    renderer = Renderer(None, [top, garment])
+    renderer = Renderer(TABLE, [top, garment])
     return _scene(f"{kind}, 1.25 m", towel, table, renderer, seed)
 
 
-def _scene(name: str, towel: Towel, table: KnownTable, renderer: Renderer, seed: int) -> Scene:
+def _scene(name: str, towel: Towel, table: Table, renderer: Renderer, seed: int) -> Scene:
     head = nominal_head()
     gaze = head.gaze_at(np.array([*towel.centre, towel.table_height]))
     X_WL, X_WR = head.poses(gaze)

@@ -18,7 +18,7 @@ def page(results: dict[str, Any], cells: list[str], options: list[str]) -> str:
             "**Cloth and robot are simulated here; the published figures are of a real towel and the real robot** (Sun, "
             "Aragon-Camarasa, Rogers, Siebert, ICRA 2015, Table II). The same start states and seeds in all cells. RNI, "
             "the required number of iterations, counts actions, missed grasps included. A cell with two arms falls back to one "
-            "where there is no safe motion for two."
+            "where there is no verified motion for two."
         ),
         "",
         "| cell | RNI, detector: mean (std) | 95 % of mean | published | RNI, truth: mean (std) | flat by detector | flat by truth |",

@@ -27,7 +27,7 @@ from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.planning.robot.collision import CollisionModel
 from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.search.key_poses import PIECES, POSES
-from unwrinkle.planning.search.motion_search import Motion, MotionSearch
+from unwrinkle.planning.search.motion_search import MotionSearch, SevenPoseMotion
 from unwrinkle.planning.search.settings import PlannerSettings
 from unwrinkle.planning.search.transit import TransitPlanner
 from unwrinkle.planning.timing.joint_path import JointPath
@@ -162,14 +162,14 @@ class PathMaker:
         contact = CollisionModel(cell, contact=True)
         self._search = MotionSearch(cell, self._settings, self._kinematics, contact)
         self._transits = TransitPlanner(
-            cell.limits,
+            cell,
             CollisionModel(cell, contact=False),
             self._settings.transit_budget,
             self._settings.seed,
         )
         self._home = np.array(cell.robot.named_states["home"], dtype=float)
 
-    def pieces(self, task: Task) -> tuple[tuple[Piece, ...], Motion] | None:
+    def pieces(self, task: Task) -> tuple[tuple[Piece, ...], SevenPoseMotion] | None:
         """The five pieces for a target and the search's motion; None unless two arms can serve it by straight transits."""
         motion, _ = self._search.dual(task.target)
         if motion is None:

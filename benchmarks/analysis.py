@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import noise_profile
 from unwrinkle.perception.target import FlatteningTarget
@@ -192,7 +193,7 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
     for k in range(towels):
         progress(k, towels, "ridges")
         towel = ridged_towel(seed + k)
-        outcome = compare(towel, analyse(map_of(towel, 0.0005, seed=seed + k)))
+        outcome = compare(towel, analyse(map_of(towel, 0.0005, seed=seed + k), table=TABLE))
         for name, values in errors.items():
             values.extend(outcome[name])
         missed += outcome["missed"]
@@ -202,7 +203,9 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
     for k in range(crossings):
         progress(k, crossings, "crossings")
         towel = crossed_towel(seed + k)
-        separated += crossing_separated(towel, analyse(map_of(towel, 0.0005, seed=seed + k)))
+        separated += crossing_separated(
+            towel, analyse(map_of(towel, 0.0005, seed=seed + k), table=TABLE)
+        )
     results |= {
         "towels": towels,
         "ridges": sum(len(ridged_towel(seed + k).ridges) for k in range(towels)),
@@ -231,7 +234,7 @@ def _flat_cloth(seeds: int, seed: int, progress: Progress) -> dict[str, Any]:
         pulls, false_alarms = [], 0
         for k in range(seeds):
             progress(k, seeds, f"flat cloth, {sensor}")
-            analysis = analyse(flat_map(sensor, seed + k))
+            analysis = analyse(flat_map(sensor, seed + k), table=TABLE)
             pulls.append(analysis.halting_measure)
             false_alarms += analysis.halting_measure >= analysis.profile.halting_pull
         worst[sensor] = {"seeds": seeds, "false_alarms": false_alarms, "pull_max": max(pulls)}
@@ -247,7 +250,7 @@ def _times(quick: bool, seed: int, progress: Progress) -> list[dict[str, Any]]:
         samples = []
         for _ in range(5 if quick else 15):
             start = time.perf_counter()
-            target = analyse(range_map).target_for(0)
+            target = analyse(range_map, table=TABLE).target_for(0)
             samples.append(time.perf_counter() - start)
             assert isinstance(target, FlatteningTarget)
         times.append(
@@ -277,7 +280,7 @@ def _stages(seed: int, runs: int) -> dict[str, float]:
         table = range_map.table_height
         wrinkles = [w for line in lines for w in wrinkles_of(line, surface, profile, table)]
         clock.append(time.perf_counter())
-        flattening_target(range_map, surface, wrinkles[0])
+        flattening_target(range_map, surface, wrinkles[0], table=TABLE)
         clock.append(time.perf_counter())
         names = ("surface and classes", "ridge points", "linking", "wrinkles", "target")
         for name, taken in zip(names, np.diff(clock), strict=True):

@@ -26,7 +26,7 @@ from unwrinkle.benchmarks._calibration_scene import (
     scaled_head,
     true_head,
 )
-from unwrinkle.benchmarks._data import data_folder
+from unwrinkle.benchmarks._data import TABLE, data_folder
 from unwrinkle.benchmarks.report import Progress
 from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
@@ -250,7 +250,7 @@ class _RenderedCell:
 
 def _height_error(pair: StereoPair, head: StereoHead, gaze: Any, towel: Towel) -> float:
     """RMS error of the height of the towel, off its rim, metres."""
-    found = range_map_from_pair(pair, head, gaze)
+    found = range_map_from_pair(pair, head, gaze, table=TABLE)
     rows, columns = np.indices(found.height.shape)
     x = found.origin[0] + found.resolution * columns
     y = found.origin[1] + found.resolution * rows

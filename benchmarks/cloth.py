@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.benchmarks import _cloth_checks, _cloth_rest
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.benchmarks.report import Progress
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.files import atomic_path
@@ -57,7 +58,7 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
 
 
 def _start(garment: str, material: str, name: str, nodes: int, seed: int) -> dict[str, Any]:
-    cloth = Cloth(outline(garment, nodes), load_material(material), _cloth_rest.TABLE)
+    cloth = Cloth(outline(garment, nodes), load_material(material), TABLE)
     state = start_state(cloth, name, _cloth_rest.CENTRE, seed)
     heights, _ = height_map(cloth, state, _RESOLUTION)
     return {

@@ -124,8 +124,7 @@ def _simulated(
 
 
 def _cropped(cell: Cell, capture: Any) -> Any:
-    across, along = cell.scenario.table.size
-    return over_table(capture, cell.table_centre, (across, along))
+    return over_table(capture, cell.table)
 
 
 def _holes(depth: NDArray[np.float32]) -> float:
@@ -140,7 +139,15 @@ def _wrinkle(
     clock = time.perf_counter()
     capture = depth_image(renderer, model, X_WC, seed)
     seconds = time.perf_counter() - clock
-    analysis = analyse(range_map_from_capture(_cropped(cell, capture), seed=seed))
+    analysis = analyse(
+        range_map_from_capture(
+            _cropped(cell, capture),
+            seed=seed,
+            centre=cell.scenario.garment_centre,
+            table_height=cell.table.height,
+        ),
+        table=cell.table,
+    )
     ridge = towel.ridges[0]
     row: dict[str, Any] = {
         "camera": model.name,

@@ -19,7 +19,12 @@ from unwrinkle.models import InputError
 from unwrinkle.perception.height_grid import Grid
 from unwrinkle.perception.stereo.heights import heights_on_grid
 from unwrinkle.perception.stereo.matching import Disparity
-from unwrinkle.perception.stereo.range_mapping import StereoLook, look, range_map_from_pair
+from unwrinkle.perception.stereo.range_mapping import (
+    StereoLook,
+    garment_space,
+    look,
+    range_map_from_pair,
+)
 from unwrinkle.perception.wrinkles.analysis import analyse
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge
 
@@ -180,7 +185,7 @@ def _methods(scene: Scene, quick: bool) -> list[dict[str, Any]]:
     found = look(scene.pair, scene.head, scene.gaze, table=scene.table, whole=True)
     rectified = found.rectification.apply(scene.pair.left, scene.pair.right)
     X_LW = np.linalg.inv(scene.head.poses(scene.gaze)[0])
-    box_L = scene.table.box() @ X_LW[:3, :3].T + X_LW[:3, 3]
+    box_L = garment_space(scene.table) @ X_LW[:3, :3].T + X_LW[:3, 3]
     lowest, highest = found.rectification.disparity_range(box_L)
     rows = []
     for name, method in METHODS.items():
@@ -199,7 +204,7 @@ def _judged(scene: Scene) -> dict[str, Any]:
     """Disparities of the region, heights on the garment's grid, and wrinkles, against the truth."""
     found = look(scene.pair, scene.head, scene.gaze, table=scene.table)
     range_map = range_map_from_pair(scene.pair, scene.head, scene.gaze, table=scene.table)
-    analysis = analyse(range_map)
+    analysis = analyse(range_map, table=scene.table)
     return {
         "name": scene.name,
         "distance": scene.distance,

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from unwrinkle.flattening.observation import Observation
 from unwrinkle.models.robot import Cell
 from unwrinkle.models.scenario import LoopSettings
@@ -16,9 +14,8 @@ from unwrinkle.perception.sensor import NoiseProfile
 from unwrinkle.perception.stereo.head import Gaze, StereoHead
 from unwrinkle.perception.stereo.head_file import load_look
 from unwrinkle.perception.stereo.pair import StereoPair, load_pair
-from unwrinkle.perception.stereo.range_mapping import KnownTable, range_map_from_pair
+from unwrinkle.perception.stereo.range_mapping import range_map_from_pair
 from unwrinkle.perception.wrinkles.analysis import analyse
-from unwrinkle.perception.wrinkles.targeting import TableTop
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,25 +75,22 @@ def map_of(
     Raises:
         InputError: no table, no garment (`NoGarmentError`), or not enough of it in view.
     """
-    x, y, height = (float(value) for value in cell.table_centre)
-    width, depth = cell.scenario.table.size
     if isinstance(capture, StereoCapture):
         return range_map_from_pair(
             capture.pair,
             capture.head,
             capture.gaze,
-            table=KnownTable((x, y), (width, depth), height),
+            table=cell.table,
             profile=profile,
             seed=seed,
         )
     if capture.X_WC is not None:
-        capture = over_table(capture, np.array(cell.table_centre), (width, depth))
-    garment_x, garment_y = cell.scenario.garment_centre
+        capture = over_table(capture, cell.table)
     return range_map_from_capture(
         capture,
         profile=profile,
-        centre=(garment_x, garment_y),
-        table_height=height,
+        centre=cell.scenario.garment_centre,
+        table_height=cell.table.height,
         yaw=yaw,
         seed=seed,
     )
@@ -121,13 +115,11 @@ def observation_of(
         InputError: an unknown sensor, or nothing measured on the garment.
     """
     rules = cell.scenario.loop if rules is None else rules
-    x, y, _ = (float(value) for value in cell.table_centre)
-    width, depth = cell.scenario.table.size
     analysis = analyse(
         range_map,
         mode=rules.mode,
         profile=profile,
-        table=TableTop((x, y), (width, depth)),
+        table=cell.table,
         section=rules.section,
         pull=rules.pull,
     )

@@ -178,7 +178,7 @@ class StateMachine:
                 reason = f"the verdict is of plan {was}, not of {content[:12]}; nothing was sent"
                 return fault(now, reason, feedback)
         if not verified.verdict.passed:
-            reason = f"not safe: {verified.verdict.violations[0].message}"
+            reason = f"not verified: {verified.verdict.violations[0].message}"
             return self._refused(now, feedback, reason)
         off = float(np.abs(feedback.positions() - plan.segments[0].trajectory.positions[0]).max())
         if off > self._settings.start:

@@ -1,6 +1,6 @@
-"""Arrays plus a JSON header in one `.npz`: how value types save and load. Pickle is refused.
+"""Arrays and a JSON header in one `.npz`: the file format of the value types. Pickle is refused.
 
-What is read is bounded before it is read: members by name, their size by the archive's own list and by their array headers.
+Reading is bounded beforehand: members by name, their size by the archive's directory and by their array headers.
 """
 
 import json
@@ -23,17 +23,17 @@ from unwrinkle.models.files import atomic_path
 
 _HEADER = "header"
 _SUFFIX = ".npy"
-#: First bytes of every zip archive that holds something.
+#: First bytes of every zip archive that is not empty.
 _ZIP = b"PK\x03\x04"
-#: And of a single array.
+#: First bytes of a single array.
 _BARE = b"\x93NUM"
-#: Of all members that are read together, bytes.
+#: Size limit of all members that are read, together, bytes.
 MOST_BYTES = 1 << 30
-#: Of the JSON header alone, bytes; NumPy stores four for a character.
+#: Size limit of the JSON header, bytes; NumPy stores four for a character.
 MOST_HEADER = 16 << 20
 
-#: What zipfile, zlib, lzma and NumPy raise over damaged archives; RuntimeError also for encrypted members and unknown
-#: compressions, SyntaxError and TokenError over an array header that is no Python literal.
+#: Exceptions of zipfile, zlib, lzma and NumPy for damaged archives; RuntimeError also for encrypted members and unknown
+#: compressions, SyntaxError and TokenError for an array header that is no Python literal.
 _DAMAGED = (
     zipfile.BadZipFile,
     zlib.error,
@@ -52,13 +52,17 @@ _DAMAGED = (
 )
 
 
+class _PickledError(ValueError):
+    """A member holds Python objects, which only pickle could read."""
+
+
 def save_archive(
     path: str | Path, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
 ) -> None:
-    """Write `arrays` and the JSON-able `header` to `path`, whole or not at all.
+    """Write `arrays` and the JSON-able `header` to `path`, atomically.
 
     Raises:
-        InputError: it cannot be written there.
+        InputError: the file cannot be written there.
     """
     path = Path(path)
     text = json.dumps(dict(header), allow_nan=False)
@@ -71,16 +75,16 @@ def save_archive(
 def load_archive(
     path: str | Path, members: str = r".*", most_bytes: int = MOST_BYTES
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Read what `save_archive` wrote; the header is {} for a plain `.npz` without one.
+    """Read a file that `save_archive` wrote; the header is {} for a plain `.npz` without one.
 
     Args:
         path: of the file.
-        members: regular expression of the arrays that the format has; others are left unread.
-        most_bytes: of all arrays that are read, together.
+        members: regular expression of the array names that the format has; other arrays are not read.
+        most_bytes: size limit of all arrays that are read, together.
 
     Raises:
-        InputError: missing, truncated, damaged, encrypted, too large, not an `.npz`, two members of one name, it holds
-            pickled objects, or its header holds a number that is not finite.
+        InputError: the file is missing, truncated, damaged, encrypted, too large, not an `.npz`, has two members of one
+            name, holds pickled objects, or its header holds a number that is not finite.
     """
     path = Path(path)
     if not path.is_file():
@@ -98,7 +102,7 @@ def load_archive(
             with zipfile.ZipFile(stream) as archive:
                 arrays = _members(path, archive, re.compile(members), most_bytes)
     except _DAMAGED as error:
-        reason = "holds pickled objects" if "allow_pickle" in str(error) else "damaged"
+        reason = "holds pickled objects" if isinstance(error, _PickledError) else "damaged"
         raise InputError(
             f"{path}: cannot be read as .npz ({reason} or truncated); copy or record it again"
         ) from None
@@ -106,10 +110,10 @@ def load_archive(
 
 
 def archive_members(path: str | Path) -> list[str]:
-    """Names of the arrays in an archive, none of which is read.
+    """Return the names of the arrays in an archive without reading them.
 
     Raises:
-        InputError: it is no archive.
+        InputError: the file is no archive.
     """
     try:
         with zipfile.ZipFile(path) as archive:
@@ -122,7 +126,7 @@ def archive_members(path: str | Path) -> list[str]:
 def _members(
     path: Path, archive: zipfile.ZipFile, wanted: "re.Pattern[str]", most_bytes: int
 ) -> dict[str, NDArray[Any]]:
-    """The arrays of an archive that are wanted, and its header."""
+    """Read the arrays of an archive whose names match `wanted`, and its header."""
     chosen: dict[str, zipfile.ZipInfo] = {}
     total = 0
     for item in archive.infolist():
@@ -135,17 +139,17 @@ def _members(
         total += item.file_size
         if total > most_bytes or (name == _HEADER and item.file_size > MOST_HEADER):
             raise InputError(
-                f"{path}: holds {total / 1e6:.0f} MB or more, at most {most_bytes / 1e6:.0f} MB are read; it is no "
-                "such file, or damaged"
+                f"{path}: holds {total / 1e6:.0f} MB or more, at most {most_bytes / 1e6:.0f} MB are read; the "
+                "file is of another kind, or damaged"
             )
     return {name: _array(archive, item) for name, item in chosen.items()}
 
 
 def _array(archive: zipfile.ZipFile, item: zipfile.ZipInfo) -> NDArray[Any]:
-    """One member, once its array header has been found to fit the bytes that are there.
+    """Read one member after checking that its array header fits the bytes of the member.
 
     Raises:
-        ValueError: it does not fit.
+        ValueError: it does not fit, or holds Python objects.
     """
     with archive.open(item) as stream:
         version = np.lib.format.read_magic(stream)
@@ -157,7 +161,7 @@ def _array(archive: zipfile.ZipFile, item: zipfile.ZipInfo) -> NDArray[Any]:
             raise ValueError(f"array format {version} is unknown")
         shape, _, dtype = read(stream)
         if dtype.hasobject:
-            raise ValueError("objects need allow_pickle")
+            raise _PickledError
         if any(n < 0 for n in shape) or math.prod(shape) * dtype.itemsize > item.file_size:
             raise ValueError("the array is larger than its member")
     with archive.open(item) as stream:

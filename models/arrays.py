@@ -1,4 +1,4 @@
-"""Array types: the element type that a signature states; shape, unit and frame stand in its docstring."""
+"""Array types by element; shape, unit and frame are given in the docstring of each function."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""The gripper's two blades near their tips, as its description states them."""
+"""Geometry of the gripper's two blades near their tips, from its description."""
 
 from dataclasses import dataclass
 from xml.etree import ElementTree
@@ -63,7 +63,7 @@ def load_blades() -> Blades:
 
 
 def _box(root: ElementTree.Element, link: str, name: str) -> tuple[list[float], list[float]]:
-    """Size and centre of a link's collision box."""
+    """Return size and centre, m, of a link's collision box."""
     collision = root.find(f"link[@name='{link}']/collision[@name='{name}']")
     if collision is None:
         raise KeyError(name)

@@ -1,4 +1,4 @@
-"""What a cloth is made of: one YAML file per material in `models/data/cloths`."""
+"""Cloth materials: one YAML file per material in `models/data/cloths`."""
 
 import dataclasses as dc
 import math
@@ -8,7 +8,7 @@ from pathlib import Path
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.loader_yaml import load_yaml, models_dir
 
-# Least and greatest values a cloth can have; beyond them it is a slip of unit.
+# Plausible ranges; a value outside is most likely in another unit.
 _RANGES = {
     "areal_density": (0.02, 2.0),
     "stretch": (10.0, 1e5),
@@ -60,7 +60,7 @@ class ClothMaterial:
     viscosity: float = math.nan
 
     def __post_init__(self) -> None:
-        """Refuse what no cloth is; a key that a file lacks is NaN and refused when it is loaded."""
+        """Refuse values out of range; a missing key is NaN and refused when the file is loaded."""
         for key, (least, most) in _RANGES.items():
             value = getattr(self, key)
             if not math.isnan(value) and not least <= value <= most:
@@ -96,7 +96,7 @@ class ClothMaterial:
 
 
 def material_names() -> list[str]:
-    """Return the names of the materials that come along."""
+    """Return the names of the shipped materials."""
     return sorted(path.stem for path in (models_dir() / "cloths").glob("*.yaml"))
 
 

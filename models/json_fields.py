@@ -1,4 +1,4 @@
-"""Fields of a JSON object, each read as what it has to be, or refused with its name."""
+"""Typed access to the fields of a JSON object; a field of another type is refused by name."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -8,10 +8,10 @@ from unwrinkle.models.errors import InputError
 
 
 def field(data: Any, key: str, where: str = "") -> Any:
-    """The value of a key.
+    """Return the value of a key.
 
     Raises:
-        InputError: `data` is no object, or has no such key.
+        InputError: `data` is no object, or lacks the key.
     """
     if not isinstance(data, Mapping):
         raise InputError(
@@ -23,19 +23,19 @@ def field(data: Any, key: str, where: str = "") -> Any:
 
 
 def number(data: Any, key: str, where: str = "") -> float:
-    """A finite number.
+    """Return a finite number.
 
     Raises:
-        InputError: it is missing, or none.
+        InputError: the field is missing, or no finite number.
     """
     return as_number(field(data, key, where), _named(key, where))
 
 
 def as_number(value: Any, name: str) -> float:
-    """A value that has to be a finite number.
+    """Convert a value to a finite number; `name` is for the message.
 
     Raises:
-        InputError: it is none.
+        InputError: it is no finite number.
     """
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f"{name} is {_short(value)}, expected a number")
@@ -49,10 +49,10 @@ def as_number(value: Any, name: str) -> float:
 
 
 def integer(data: Any, key: str, where: str = "") -> int:
-    """A whole number that is written as one.
+    """Return an integer that is written as one.
 
     Raises:
-        InputError: it is missing, or none.
+        InputError: the field is missing, or no integer.
     """
     value = field(data, key, where)
     if isinstance(value, bool) or not isinstance(value, int):
@@ -61,10 +61,10 @@ def integer(data: Any, key: str, where: str = "") -> int:
 
 
 def text(data: Any, key: str, where: str = "") -> str:
-    """A string.
+    """Return a string.
 
     Raises:
-        InputError: it is missing, or none.
+        InputError: the field is missing, or no string.
     """
     value = field(data, key, where)
     if not isinstance(value, str):
@@ -73,10 +73,10 @@ def text(data: Any, key: str, where: str = "") -> str:
 
 
 def items(data: Any, key: str, where: str = "", count: int | None = None) -> Sequence[Any]:
-    """A list, of a length where one is given.
+    """Return a list, of length `count` if given.
 
     Raises:
-        InputError: it is missing, none, or of another length.
+        InputError: the field is missing, no list, or of another length.
     """
     value = field(data, key, where)
     if not isinstance(value, list) or (count is not None and len(value) != count):
@@ -86,10 +86,10 @@ def items(data: Any, key: str, where: str = "", count: int | None = None) -> Seq
 
 
 def flags(data: Any, key: str, where: str = "", *, count: int) -> tuple[bool, ...]:
-    """A list of so many truth values.
+    """Return a list of `count` booleans.
 
     Raises:
-        InputError: it is missing, or something else.
+        InputError: the field is missing, or no such list.
     """
     values = items(data, key, where, count)
     if not all(isinstance(value, bool) for value in values):
@@ -98,10 +98,10 @@ def flags(data: Any, key: str, where: str = "", *, count: int) -> tuple[bool, ..
 
 
 def only(data: Any, keys: Sequence[str], where: str) -> None:
-    """Refuse keys that are not known.
+    """Refuse unknown keys.
 
     Raises:
-        InputError: `data` is no object, or has another key.
+        InputError: `data` is no object, or has a key that is not in `keys`.
     """
     unknown = sorted(set(data) - set(keys)) if isinstance(data, Mapping) else [_short(data)]
     if unknown:

@@ -1,4 +1,4 @@
-"""Limits of the robot's axes, from the one file that states them."""
+"""Limits of the robot's axes, grippers and head, read from limits.yaml."""
 
 import dataclasses as dc
 import math
@@ -65,7 +65,7 @@ class LimitsFile:
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Limits of the thirteen axes (turn-table, right arm, left arm), each array of shape (13,), read-only.
+    """Limits of the robot's axes in the order turn-table, right arm, left arm; arrays (axes,), read-only.
 
     Attributes:
         lower: least position, rad.
@@ -90,7 +90,7 @@ class Limits:
     head: HeadLimits
 
     def scaled(self, fraction: float) -> "Limits":
-        """The same limits at a fraction of velocity, acceleration and jerk.
+        """Scale velocity, acceleration and jerk by a fraction.
 
         Raises:
             InputError: the fraction is not in (0, 1].

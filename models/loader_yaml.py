@@ -1,6 +1,7 @@
-"""Typed YAML: a dataclass is the schema, and an unknown key is an error."""
+"""Typed YAML: a dataclass is the schema; unknown keys are refused."""
 
 import dataclasses
+import datetime
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
@@ -9,6 +10,9 @@ import yaml
 from unwrinkle.models.errors import InputError
 
 Schema = TypeVar("Schema")
+
+#: What the typed loader raises over a text that is no YAML or does not fit the schema.
+_UNFIT = (yaml.YAMLError, RuntimeError, ValueError, TypeError, LookupError, OSError)
 
 
 def models_dir() -> Path:
@@ -23,10 +27,11 @@ def load_yaml(path: str | Path, schema: type[Schema], *, child: str | None = Non
     needs a default. With `child`, the value under that key of the document's root is read instead.
 
     Raises:
-        InputError: the file is missing, is no YAML, or does not fit the schema; the message names
-            the file and the key.
+        InputError: the file is missing, is no YAML, or does not fit the schema; the message names the file and the key.
     """
-    from pydrake.common.yaml import yaml_load_typed  # here: `--help` need not wait for Drake
+    from pydrake.common.yaml import (
+        yaml_load_typed,  # imported here: slow, and `--help` does not need it
+    )
 
     path = Path(path)
     try:
@@ -40,8 +45,8 @@ def load_yaml(path: str | Path, schema: type[Schema], *, child: str | None = Non
     try:
         mirror = _mutable(schema)
         loaded: Any = yaml_load_typed(schema=mirror, data=text, child_name=child)
-    except (yaml.YAMLError, RuntimeError, ValueError, TypeError, LookupError, OSError) as error:
-        raise InputError(f"{path}: {_one_line(error)}{_key(text, error)}") from None
+    except _UNFIT as error:
+        raise InputError(f"{path}: {_one_line(error)}{_where(mirror, text, child)}") from None
     try:
         return cast(Schema, _rebuilt(schema, loaded))
     except InputError as error:
@@ -54,7 +59,7 @@ def _frozen(schema: Any) -> bool:
 
 
 def _mutable(schema: type[Any]) -> type[Any]:
-    """Return a twin of a frozen dataclass, mutable down to what it holds: the typed loader assigns."""
+    """Return a mutable copy of a frozen dataclass type, nested types included: the typed loader assigns to fields."""
     if get_origin(schema) is list:
         (item,) = get_args(schema)
         twin: Any = _mutable(item)
@@ -76,7 +81,7 @@ def _mutable(schema: type[Any]) -> type[Any]:
 
 
 def _rebuilt(schema: Any, loaded: Any) -> Any:
-    """Return the frozen dataclass that a filled twin stands for."""
+    """Convert an instance of the mutable copy back to the frozen dataclass."""
     if get_origin(schema) is list:
         return [_rebuilt(get_args(schema)[0], item) for item in loaded]
     if not _frozen(schema):
@@ -90,16 +95,36 @@ def _one_line(error: Exception) -> str:
         mark: Any = getattr(error, "problem_mark", None)
         where = f" at line {mark.line + 1}" if mark is not None else ""
         return f"is not valid YAML{where}"
-    text = " ".join(str(error).split())
-    if "datetime.date" in text:
-        text += "; put it in quotes"
-    return text.replace("<string>:", "").strip() or type(error).__name__
+    return " ".join(str(error).split()).replace("<string>:", "").strip() or type(error).__name__
 
 
-def _key(text: str, error: Exception) -> str:
-    """Name the top-level key whose value the conversion choked on, where the error does not."""
-    if not str(error).startswith("could not convert"):
+def _where(schema: type[Any], text: str, child: str | None) -> str:
+    """Name the keys whose values do not fit the schema, for the end of a message; empty where there are none."""
+    try:
+        raw = yaml.safe_load(text)
+    except yaml.YAMLError:
         return ""
-    raw = yaml.safe_load(text)
-    keys = [key for key, value in raw.items() if repr(value) in str(error)]
-    return f" (key {', '.join(map(str, keys))})" if keys else ""
+    if child is not None:
+        raw = raw.get(child) if isinstance(raw, dict) else None
+    keys = _unfit_keys(schema, raw)
+    hint = (
+        "; put it in quotes" if any(isinstance(value, datetime.date) for _, value in keys) else ""
+    )
+    return f" (key {', '.join(name for name, _ in keys)}{hint})" if keys else ""
+
+
+def _unfit_keys(schema: Any, raw: Any) -> list[tuple[str, Any]]:
+    """Find the keys (dotted) and values of a mapping that the schema refuses, by loading each on its own."""
+    from pydrake.common.yaml import yaml_load_typed
+
+    if not (isinstance(raw, dict) and dataclasses.is_dataclass(schema)):
+        return []
+    hints = get_type_hints(schema)
+    found = []
+    for key, value in raw.items():
+        try:
+            yaml_load_typed(schema=schema, data=yaml.safe_dump({key: value}))
+        except _UNFIT:
+            inner = _unfit_keys(hints.get(str(key)), value)
+            found += [(f"{key}.{name}", item) for name, item in inner] or [(str(key), value)]
+    return found

@@ -1,4 +1,4 @@
-"""The files that a model file names: meshes, and what these name in turn."""
+"""Files that a model file refers to: meshes, included models, and the buffers of a glTF."""
 
 import json
 import xml.etree.ElementTree as ET
@@ -12,11 +12,11 @@ _ADDRESSES = ("package://", "model://", "file://")
 
 
 def files_named_by(path: Path, resolve_address: Callable[[str], str]) -> list[Path]:
-    """The files on which the geometry of a model depends beside its own file.
+    """List the files on which the geometry of a model depends, beside its own file.
 
     Args:
-        path: of a URDF or SDF (meshes and included models) or of a glTF file (its buffers); others name nothing.
-        resolve_address: gives the path of an address with a scheme.
+        path: of a URDF or SDF (meshes and included models) or of a glTF file (buffers); other files have none.
+        resolve_address: maps an address with a scheme to a path.
 
     Raises:
         InputError: a file is missing, or the model file cannot be read.
@@ -55,7 +55,7 @@ def _found(name: str, path: Path, resolve_address: Callable[[str], str]) -> Path
     try:
         found = Path(resolve_address(name)) if name.startswith(_ADDRESSES) else path.parent / name
     except RuntimeError as error:
-        raise InputError(f"{path}: names {name}, which cannot be found: {error}") from None
+        raise InputError(f"{path}: refers to {name}, which cannot be found: {error}") from None
     if not found.is_file():
-        raise InputError(f"{path}: names {name}, and there is no such file")
+        raise InputError(f"{path}: refers to {name}, which does not exist")
     return found

@@ -1,4 +1,4 @@
-"""The robot's description as numbers, and its cell as a Drake plant."""
+"""Numeric description of the robot, and its cell as a Drake plant."""
 
 import dataclasses as dc
 import hashlib
@@ -25,8 +25,10 @@ from unwrinkle.models.limits import Limits, load_limits
 from unwrinkle.models.loader_yaml import load_yaml, models_dir
 from unwrinkle.models.model_files import files_named_by
 from unwrinkle.models.scenario import Scenario, load_scenario, resolve
+from unwrinkle.models.table import Table
 
-ROBOT_INSTANCES = ("turntable", "r1", "r2", "r1_gripper", "r2_gripper", "left_ptu", "right_ptu")
+#: Greatest difference of a direction cosine from 1 at which the table counts as aligned with the world's axes: 1.4 mrad.
+_ALONG_AXES = 1e-6
 
 
 @dataclass
@@ -40,8 +42,21 @@ class DenavitHartenberg:
 
 
 @dataclass
+class ArmDescription:
+    """One arm with its gripper."""
+
+    # As plans, messages and files call it.
+    name: str = ""
+    # Model instances of the arm and of its gripper.
+    model: str = ""
+    gripper: str = ""
+    # Indices of its axes in `RobotDescription.axes`, from the base to the flange.
+    axes: list[int] = field(default_factory=list)
+
+
+@dataclass
 class RobotDescription:
-    """Schema of robot.yaml."""
+    """Schema of robot.yaml; lengths in m, angles in rad."""
 
     name: str = ""
     axes: list[str] = field(default_factory=list)
@@ -56,18 +71,37 @@ class RobotDescription:
     tool_offset: float = math.nan
     tool_yaw: float = math.nan
     tcp_offset: float = math.nan
-    groups: dict[str, list[int]] = field(default_factory=dict)
+    turntable_axis: int = -1
+    arms: list[ArmDescription] = field(default_factory=list)
+    # Links with a clearance of their own from the working table, by name within a gripper's model instance.
+    palm: str = ""
+    fingers: list[str] = field(default_factory=list)
+    # Pairs of links (scoped names) that are near in every posture and need no clearance.
+    adjacent: list[list[str]] = field(default_factory=list)
     named_states: dict[str, list[float]] = field(default_factory=dict)
+
+    @property
+    def instances(self) -> list[str]:
+        """Model instances that the robot consists of."""
+        joints = [*self.axes, *self.grippers, *self.head]
+        return list(dict.fromkeys(scoped(name)[0] for name in joints))
+
+    def arm_of(self, instance: str) -> int | None:
+        """Index of the arm that a model instance belongs to; None if it belongs to no arm or gripper."""
+        for i, arm in enumerate(self.arms):
+            if instance in (arm.model, arm.gripper):
+                return i
+        return None
 
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """A scenario with what it names: the robot's description, its limits, and the model files' hash.
+    """A scenario with the robot's description and limits that it names, and the hash of the model files.
 
     Attributes:
-        scenario: the scenario's settings.
-        robot: numbers of the robot.
-        limits: limits of the thirteen axes at the scenario's speed fraction.
+        scenario: settings of the scenario.
+        robot: description of the robot.
+        limits: of the robot's axes, at the scenario's speed fraction.
     """
 
     scenario: Scenario
@@ -76,7 +110,7 @@ class Cell:
 
     @cached_property
     def robot_hash(self) -> str:
-        """SHA-256 (hex) over every file and setting that decides where the robot's and the cell's bodies are, meshes included.
+        """SHA-256 (hex) over every file and setting that determines the bodies and clearances of the cell, meshes included.
 
         Raises:
             InputError: a file that another one names is missing.
@@ -86,7 +120,7 @@ class Cell:
         packages = PackageMap()
         packages.AddPackageXml(str(models_dir() / "package.xml"))
         waiting = [resolve(uri) for uri in self.scenario.directives]
-        for path in waiting:  # grows by the files that directives and models name
+        for path in waiting:  # the loop appends the files that directives and models name
             digest.update(path.read_bytes())
             if path.suffix != ".yaml":
                 waiting += files_named_by(path, packages.ResolveUrl)
@@ -95,9 +129,9 @@ class Cell:
                 for item in (directive.add_model, directive.add_directives):
                     if item is not None:
                         waiting.append(Path(packages.ResolveUrl(item.file)))
-        for setting in (self.scenario.gaze, self.scenario.gripper, self.scenario.clearance):
-            digest.update(repr(setting).encode())
-        digest.update(repr(self.scenario.table).encode())
+        settings = dc.asdict(self.scenario)
+        for key in ("gaze", "gripper", "clearance", "table"):
+            digest.update(repr(settings[key]).encode())
         return digest.hexdigest()
 
     @cached_property
@@ -120,13 +154,25 @@ class Cell:
         X_WS = frame.CalcPoseInWorld(plant.CreateDefaultContext()).GetAsMatrix4()
         return np.asarray(X_WS)
 
-    @property
-    def table_centre(self) -> NDArray[np.float64]:
-        """Centre (3,) of the working table's top surface in the world, m."""
-        return np.asarray(self.table_pose[:3, 3])
+    @cached_property
+    def table(self) -> Table:
+        """The working table's top, with its size along world x and y.
+
+        Raises:
+            InputError: the table is not level, or its sides are not along the world's axes.
+        """
+        R_WS = self.table_pose[:3, :3]
+        if min(abs(R_WS[0, 0]), R_WS[2, 2]) < 1.0 - _ALONG_AXES:
+            raise InputError(
+                f"scenario: the table frame {self.scenario.table.frame} is turned; perception and simulation need a level table "
+                "with its sides along the world's x and y"
+            )
+        x, y, height = (float(value) for value in self.table_pose[:3, 3])
+        across, along = self.scenario.table.size
+        return Table((x, y), (across, along), height)
 
     def beyond_table(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How far places lie beyond the nearest edge line of the working table, m; negative on it.
+        """Compute how far places lie beyond the nearest edge of the working table, m; negative on it.
 
         Args:
             places: (..., 2) in the world, m.
@@ -140,20 +186,22 @@ class Cell:
         return np.asarray(beyond.max(axis=-1))
 
     def with_speed(self, fraction: float) -> "Cell":
-        """The same cell, with plans at another fraction of the catalogue velocity, acceleration, jerk."""
+        """Load the same cell with another fraction of the catalogue velocity, acceleration and jerk."""
         return load_cell(dc.replace(self.scenario, speed=fraction))
 
 
 def load_cell(scenario: Scenario | None = None) -> Cell:
-    """Load what a scenario names.
+    """Load the cell of a scenario.
+
+    Args:
+        scenario: None for the shipped one.
 
     Raises:
-        InputError: a file is missing or has an unknown key.
+        InputError: a file is missing, has an unknown key, or lacks a number or a role.
     """
     scenario = load_scenario() if scenario is None else scenario
     robot = load_yaml(resolve(scenario.robot), RobotDescription)
-    if len(robot.axes) != 13 or len(robot.denavit_hartenberg) != 6:
-        raise InputError(f"{scenario.robot}: needs 13 axes and 6 Denavit-Hartenberg rows")
+    _check_robot(robot, scenario.robot)
     numbers = [getattr(robot, f.name) for f in dc.fields(robot) if f.type is float]
     numbers += [value for row in robot.denavit_hartenberg for value in dc.astuple(row)]
     if not np.all(np.isfinite(numbers)):
@@ -161,8 +209,34 @@ def load_cell(scenario: Scenario | None = None) -> Cell:
     return Cell(scenario, robot, load_limits(resolve(scenario.limits)).scaled(scenario.speed))
 
 
+def _check_robot(robot: RobotDescription, where: str) -> None:
+    """Refuse a description whose axes and links have no complete set of roles.
+
+    Raises:
+        InputError: which role is missing or given twice.
+    """
+    if len(robot.axes) != 13 or len(robot.denavit_hartenberg) != 6:
+        raise InputError(f"{where}: needs 13 axes and 6 Denavit-Hartenberg rows")
+    used = [robot.turntable_axis, *(i for arm in robot.arms for i in arm.axes)]
+    if len(robot.arms) != 2 or any(len(arm.axes) != 6 for arm in robot.arms):
+        raise InputError(f"{where}: needs two arms, right and left, with 6 axes each")
+    if sorted(used) != list(range(len(robot.axes))):
+        raise InputError(
+            f"{where}: turntable_axis and the arms' axes must name every index of `axes` once, got {used}"
+        )
+    for arm in robot.arms:
+        if not (arm.name and arm.model and arm.gripper):
+            raise InputError(f"{where}: an arm needs name, model and gripper, got {arm}")
+    if not robot.palm or not robot.fingers or robot.palm in robot.fingers:
+        raise InputError(
+            f"{where}: needs the links `palm` and `fingers` of a gripper, none of them twice"
+        )
+    if any(len(set(pair)) != 2 for pair in robot.adjacent):
+        raise InputError(f"{where}: an entry of `adjacent` needs the names of two links")
+
+
 def configure_parser(parser: Parser) -> None:
-    """Let a Drake parser find `package://unwrinkle_models/...`."""
+    """Register `package://unwrinkle_models/...` with a Drake parser."""
     parser.package_map().AddPackageXml(str(models_dir() / "package.xml"))
 
 
@@ -198,10 +272,10 @@ def add_cell(cell: Cell, plant: MultibodyPlant, parser: Parser) -> None:
 
 
 def _directives(path: Path) -> list[ModelDirective]:
-    """The directives of a file.
+    """Load the model directives of a file.
 
     Raises:
-        InputError: it is not of that form.
+        InputError: the file is no model directives file.
     """
     try:
         return list(LoadModelDirectives(str(path)).directives)
@@ -210,14 +284,14 @@ def _directives(path: Path) -> list[ModelDirective]:
 
 
 def build_robot_diagram(cell: Cell) -> RobotDiagram:
-    """The cell as a diagram of plant and scene graph, ready for collision checking or display."""
+    """Build the cell as a diagram of plant and scene graph, for collision checking or display."""
     builder = RobotDiagramBuilder(time_step=0.0)
     add_cell(cell, builder.plant(), builder.parser())
     return builder.Build()
 
 
 def scoped(name: str) -> tuple[str, str]:
-    """Model instance and element of a scoped name, `r1::joint_s` -> ('r1', 'joint_s')."""
+    """Split a scoped name into model instance and element, `r1::joint_s` -> ('r1', 'joint_s')."""
     instance, _, element = name.rpartition("::")
     return instance, element
 
@@ -232,10 +306,10 @@ def _joint(plant: MultibodyPlant, name: str):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True, eq=False)
 class PositionIndices:
-    """Where the robot's joints stand in a plant's position vector.
+    """Indices of the robot's joints in a plant's position vector.
 
     Attributes:
-        axes: (13,) turn-table, right arm, left arm.
+        axes: (axes,) in the order of `RobotDescription.axes`.
         grippers: (2,) right, left.
         head: (4,) left pan, left tilt, right pan, right tilt.
     """
@@ -246,7 +320,7 @@ class PositionIndices:
 
 
 def position_indices(cell: Cell, plant: MultibodyPlant) -> PositionIndices:
-    """Indices of the robot's joints in a finalized plant of the cell."""
+    """Look up the indices of the robot's joints in a finalized plant of the cell."""
 
     def indices(names: list[str]) -> NDArray[np.intp]:
         return np.array([_joint(plant, name).position_start() for name in names], dtype=np.intp)
@@ -256,5 +330,5 @@ def position_indices(cell: Cell, plant: MultibodyPlant) -> PositionIndices:
 
 
 def model_file(name: str) -> Path:
-    """Path of a model file that the package ships."""
+    """Return the path of a model file that the package ships."""
     return resolve(f"package://unwrinkle_models/{name}")

@@ -1,4 +1,4 @@
-"""The scenario: which robot, which cell, which limits; read from one typed YAML file."""
+"""The scenario: robot, cell, limits and policy numbers, read from one typed YAML file."""
 
 import dataclasses as dc
 from enum import StrEnum
@@ -29,8 +29,8 @@ class Smoothing(StrEnum):
 
 
 @dc.dataclass
-class WorkingTable:
-    """The table that garments lie on."""
+class TableSettings:
+    """The working table, on which garments lie."""
 
     # Scoped name of the frame at the centre of its top surface, z up.
     frame: str = "t2::desk"
@@ -40,7 +40,7 @@ class WorkingTable:
 
 @dc.dataclass
 class GripperSettings:
-    """What the gripper allows."""
+    """Opening of the gripper and range of its tilt."""
 
     # Window of the tool's tilt below the horizontal, in rad.
     tilt_lower: float = 0.5235987755982988
@@ -51,35 +51,35 @@ class GripperSettings:
 
 @dc.dataclass
 class Clearances:
-    """Least distances between bodies, in m."""
+    """Least distances between bodies, in m. Which links are palm and fingers is stated in robot.yaml."""
 
     arm_arm: float = 0.030
     arm_table: float = 0.020
     palm_table: float = 0.010
-    # Fingers to table, except in the phases that need the contact (there 0).
+    # Fingers to table, except in the contact windows of a plan (there 0).
     finger_table: float = 0.010
     surroundings: float = 0.010
 
 
 @dc.dataclass
 class ToolSettings:
-    """What the tools may do at the working table. The verification holds every plan to it, whoever made it."""
+    """Limits of the tools at the working table, checked by the verification for every plan."""
 
-    # Greatest height of a tool centre point above the table while it holds cloth, in m: cloth is dragged, not lifted away.
+    # Greatest height of a tool centre point above the table while it holds cloth, in m: cloth is dragged, not lifted off.
     holding_height: float = 0.030
-    # Nearer to the table than this, in m, open fingers keep the two speeds below.
+    # Height below which open fingers keep the two speeds below, in m.
     near_table: float = 0.010
-    # Greatest speed of open fingers along the table, in m/s: what lies there is pushed, not thrown.
+    # Greatest speed of open fingers along the table, in m/s: cloth is pushed, not thrown.
     sliding_speed: float = 0.70
-    # Greatest speed of open fingers towards the table, in m/s: they end a few millimetres above it.
+    # Greatest speed of open fingers towards the table, in m/s: they stop a few millimetres above it.
     sinking_speed: float = 0.50
 
 
 @dc.dataclass
 class PlannerOptions:
-    """What the planner may move."""
+    """Axes that the planner may move."""
 
-    # free, or fixed: plans leave the turn-table where it stands (for controllers that move two groups only).
+    # free, or fixed: plans do not move the turn-table (for controllers that move two groups only).
     turntable: str = "free"
 
 
@@ -94,13 +94,13 @@ class TimingSettings:
 
 @dc.dataclass
 class SensorSettings:
-    """What looks at the garment in the closed loop."""
+    """Sensor of the closed loop."""
 
-    # stereo (the head), depth (the depth camera), or truth: the simulated cloth itself, with the head's noise.
+    # stereo (the head), depth (the depth camera), or truth: the simulated cloth itself with the noise of the head.
     kind: str = "stereo"
     # Size of the head's pictures: 1 (16 megapixels), 0.5, 0.25 or 0.125.
     scale: float = 0.5
-    # Factor on the noise of the head's cameras: 1 is that of their sensors, 0 none.
+    # Factor on the noise of the head's cameras: 1 is the sensors' noise, 0 none.
     noise: float = 1.0
     # The depth camera: model (see simulation), and its pose in the world: place in m, the image's top away from the robot.
     depth_camera: str = "xtion"
@@ -109,9 +109,9 @@ class SensorSettings:
 
 @dc.dataclass
 class LoopSettings:
-    """How the closed loop judges and when it stops."""
+    """Policy of the closed loop: which wrinkle, how far to pull, when to stop."""
 
-    # Most actions.
+    # Limit of actions.
     actions: int = 10
     # any (two arms if possible), dual or single.
     arms: str = "any"
@@ -124,15 +124,15 @@ class LoopSettings:
     section: str = "centre"
     # What is pulled out: the slack of the wrinkle (Eq. 5), or all that the section crosses.
     pull: str = "wrinkle"
-    # Each hand pulls the wrinkle's distance of Eq. 5 times the gain, and the extra more, in m: cloth slides and stretches.
+    # Each hand pulls the wrinkle's distance of Eq. 5 times the gain, plus the extra, in m: cloth slides and stretches.
     pull_gain: float = 1.2
     pull_extra: float = 0.004
     # A wrinkle higher than this is pulled even if its pull is below the sensor's halting pull; m. The sensor's own noise
     # bounds it from below.
     halting_height: float = 0.004
-    # An action that takes away less than this share of the largest wrinkle's score has changed nothing.
+    # An action that reduces the largest wrinkle's score by less than this share counts as without effect.
     least_gain: float = 0.10
-    # Attempts at a grasp that missed, before the next wrinkle.
+    # Attempts at a grasp that misses, before the next wrinkle.
     grasp_attempts: int = 2
     # Actions in a row without effect, after which the wrinkle is abandoned; only one arm pulls; the loop stops.
     idle_next_wrinkle: int = 2
@@ -179,23 +179,23 @@ class LoopSettings:
 
 @dc.dataclass
 class SimulatedGarment:
-    """What lies on the simulated table."""
+    """Garment on the simulated table."""
 
     # towel, dishcloth, tshirt or trousers.
     outline: str = "towel"
-    # A file of models/data/cloths, by name.
+    # Name of a file in models/data/cloths.
     material: str = "terry"
     # terry, print or plain.
     texture: str = "terry"
     # bunched, ridge, pinched, dropped or flat.
     start: str = "bunched"
-    # Nodes along the longer side.
+    # Number of nodes along the longer side.
     nodes: int = 80
 
 
 @dc.dataclass
 class StationSettings:
-    """The station and, where it is simulated, its clocks in s."""
+    """Form of the station and, for a simulated one, its time steps in s and its garment."""
 
     # sim, loopback (the drivers, against virtual devices) or hardware.
     form: str = "sim"
@@ -215,7 +215,7 @@ class Scenario:
     robot: str = "package://unwrinkle_models/robot.yaml"
     limits: str = "package://unwrinkle_models/limits.yaml"
     speed: float = 1.0
-    table: WorkingTable = dc.field(default_factory=WorkingTable)
+    table: TableSettings = dc.field(default_factory=TableSettings)
     garment_centre: list[float] = dc.field(default_factory=lambda: [0.0, -1.10])
     gaze: list[float] = dc.field(default_factory=lambda: [0.0, -0.19])
     gripper: GripperSettings = dc.field(default_factory=GripperSettings)
@@ -228,7 +228,11 @@ class Scenario:
     loop: LoopSettings = dc.field(default_factory=LoopSettings)
 
     def validate(self) -> None:
-        """Refuse values that no cell can have."""
+        """Refuse values out of range.
+
+        Raises:
+            InputError: naming the key and what to give.
+        """
         if not 0.0 < self.speed <= 1.0:
             raise InputError(f"scenario: speed is {self.speed:g}; give a fraction above 0, up to 1")
         if not 0.0 < self.gripper.tilt_lower <= self.gripper.tilt_upper <= 1.5707963267948966:
@@ -312,7 +316,7 @@ DEPTH_CAMERA = "package://unwrinkle_models/depth_camera.dmd.yaml"
 
 
 def with_sensor(scenario: Scenario, kind: str) -> Scenario:
-    """The scenario with the garment seen by another sensor; a depth camera becomes part of the cell.
+    """Return the scenario with another sensor; a depth camera becomes a body of the cell.
 
     Args:
         scenario: any.
@@ -354,7 +358,7 @@ def load_scenario(path: str | Path | None = None, name: str | None = None) -> Sc
 
 
 def scenario_names(path: str | Path) -> list[str]:
-    """Names of the scenarios in a file, in its order.
+    """List the names of the scenarios in a file, in its order.
 
     Raises:
         InputError: the file is missing, or is no YAML mapping.
@@ -372,7 +376,7 @@ def scenario_names(path: str | Path) -> list[str]:
 
 
 def resolve(uri: str) -> Path:
-    """Path of a `package://unwrinkle_models/...` address or of a plain file.
+    """Return the path of a `package://unwrinkle_models/...` address or of a plain file.
 
     Raises:
         InputError: the file does not exist.

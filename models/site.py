@@ -1,4 +1,4 @@
-"""A site: where the devices of one laboratory are, and what is assumed of them; read from one typed YAML file."""
+"""A site: addresses and parameters of one laboratory's devices, read from one typed YAML file."""
 
 import dataclasses as dc
 from dataclasses import field
@@ -23,7 +23,7 @@ PULSES_PER_RADIAN = (96774.0, 82192.0, 75000.0, 78947.0, 56604.0, 46875.0, 20134
 
 @dc.dataclass
 class ControllerSite:
-    """The robot's controller and how its driver behaves. Times in s, angles in rad."""
+    """Addresses and parameters of the robot's controller and its driver. Times in s, angles in rad."""
 
     host: str = "127.0.0.1"
     motion_port: int = 50240
@@ -58,7 +58,7 @@ class ControllerSite:
     # Feedback older than this: hold; older than that: fault.
     hold_after: float = 0.10
     fault_after: float = 0.25
-    # The greatest delay between a point's time and its being seen in the feedback that is no fault. ASSUMED: 0.15 s were
+    # Greatest permitted delay between a point's time and its appearance in the feedback. ASSUMED: 0.15 s were
     # measured on a DX100, 0.25 s on a DX200 (ros-industrial/motoman issues 219, 252).
     latency: float = 0.25
     # Largest distance of an axis from its path, the lag taken out. ASSUMED.
@@ -68,7 +68,8 @@ class ControllerSite:
     start_tolerance: float = 3e-4
     start_pulses: float = 30.0
     pulses_per_radian: list[float] = field(default_factory=lambda: list(PULSES_PER_RADIAN))
-    # So far ahead of the robot points are sent: what a hold cannot take back, and how long the host may be late.
+    # Streaming horizon: points are sent this far ahead. Also the longest host delay tolerated, and the motion that a hold
+    # cannot cancel.
     lead: float = 0.12
     # A poll of the driver that comes later than this is late; so many late ones are a fault.
     late: float = 0.05
@@ -88,7 +89,7 @@ class ControllerSite:
 
 @dc.dataclass
 class GripperSite:
-    """How the grippers are commanded: right, then left."""
+    """Addresses and parameters of the grippers; lists are right, left."""
 
     # digital (outputs of the controller), can, or none.
     kind: str = "none"
@@ -103,9 +104,9 @@ class GripperSite:
     channel: str = "PCAN_USBBUS1"
     bitrate: int = 1000000
     limbs: list[int] = field(default_factory=lambda: [1, 0])
-    # Without a sensor a stroke counts as done after this; with one, after at least this. s.
+    # Duration of a stroke, s: without a sensor it counts as done then, with a sensor not before.
     stroke_time: float = 0.75
-    # A gripper that has not answered after this is lost, s.
+    # Answer timeout of a gripper, s; beyond it the gripper counts as lost.
     timeout: float = 3.0
 
 
@@ -113,20 +114,20 @@ class GripperSite:
 class PanTiltSite:
     """The head's two pan-tilt units."""
 
-    # Serial ports; empty: there is no such unit.
+    # Serial ports; empty: no such unit.
     left: str = ""
     right: str = ""
     baud: int = 9600
-    # s: for an answer, and for a motion.
+    # Timeouts of an answer and of a motion, s.
     reply_timeout: float = 1.0
     motion_timeout: float = 6.0
-    # After a motion the mount swings; pictures wait so long, s. ASSUMED.
+    # Delay of pictures after a motion, in which the mount stops swinging, s. ASSUMED.
     settle: float = 0.3
 
 
 @dc.dataclass
 class CameraSite:
-    """What takes the pictures."""
+    """The cameras of the stereo head."""
 
     # none, folder (pairs in order), watch (the newest pair), opencv, gphoto2 or openni2.
     kind: str = "none"
@@ -134,7 +135,7 @@ class CameraSite:
     left: str = ""
     right: str = ""
     folder: str = ""
-    # s: for one exposure of the pair, attempts at it, and most time between the two eyes' exposures.
+    # Timeout of one exposure of the pair, s; attempts at it; greatest time between the two eyes' exposures, s.
     timeout: float = 20.0
     attempts: int = 2
     skew: float = 1.0
@@ -164,11 +165,15 @@ class Site:
 
     @property
     def needs_io(self) -> bool:
-        """Whether anything is connected to the controller's inputs and outputs."""
+        """Whether the controller's inputs and outputs are used."""
         return self.grippers.kind == "digital"
 
     def validate(self) -> None:
-        """Refuse values that no site can have."""
+        """Refuse values out of range.
+
+        Raises:
+            InputError: naming the key and what to give.
+        """
         c, g = self.controller, self.grippers
         if c.profile == "clopema13":
             raise InputError(
@@ -261,5 +266,5 @@ def load_site(path: str | Path) -> Site:
 
 
 def loopback_site() -> Site:
-    """The shipped site of virtual equipment on this machine."""
+    """Load the shipped site of virtual equipment on this machine."""
     return load_site(models_dir() / "sites" / "loopback.site.yaml")

@@ -1,4 +1,4 @@
-"""Rigid poses as (4, 4) arrays X_AB (B in A), and how a YAML file states them."""
+"""Rigid poses as (4, 4) arrays X_AB (B in A), and their form in YAML files."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -60,10 +60,10 @@ def turn(axis: str, angle: float) -> Pose:
 
 
 def check_pose(X: Pose, name: str) -> None:
-    """Refuse what is no rigid motion (4, 4).
+    """Refuse an array that is no rigid motion (4, 4).
 
     Raises:
-        InputError: the message begins with `name`.
+        InputError: it is none; the message begins with `name`.
     """
     good = X.shape == (4, 4) and bool(np.isfinite(X).all())
     if good:

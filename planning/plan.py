@@ -1,4 +1,4 @@
-"""The flattening plan as a value: one clock, three segments, two gripper events, one hash."""
+"""The flattening plan as a value: three segments and two gripper events on one clock, with a content hash."""
 
 import hashlib
 import json
@@ -20,7 +20,7 @@ from unwrinkle.planning.trajectory import Trajectory
 
 FORMAT = "unwrinkle-plan"
 VERSION = 1
-#: Of all arrays of a plan's file, bytes; a plan of 20 000 samples has 5 MB, a garment's surface some more.
+#: Size limit of all arrays of a plan file, bytes; a plan of 20 000 samples has 5 MB, a garment's surface some more.
 MOST_BYTES = 64 << 20
 _SAMPLES = ("times", "positions", "velocities")
 _MEMBERS = (
@@ -30,7 +30,7 @@ _MEMBERS = (
 
 @dataclass(frozen=True)
 class PoseMark:
-    """One of the seven poses and when a segment passes it, s on the segment's clock."""
+    """One of the seven poses, and the time at which a segment passes it, s on the segment's clock."""
 
     name: str
     time: float
@@ -38,16 +38,15 @@ class PoseMark:
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """Motion between two gripper events, from rest to rest.
+    """Motion from rest to rest between two gripper events.
 
     Attributes:
         name: approach, pull or release.
         start: s on the plan's clock.
         trajectory: samples on the segment's own clock.
-        closed: whether the right and the left gripper are closed while it runs.
-        poses: the named poses it passes.
-        contact: interval on the segment's clock in which fingers may be nearer to the working table than the usual
-            clearance, down to touching it; s.
+        closed: state of the right and the left gripper during the segment.
+        poses: named poses that it passes.
+        contact: interval on the segment's clock, s, in which fingers may touch the working table.
     """
 
     name: str
@@ -65,12 +64,12 @@ class Segment:
 
 @dataclass(frozen=True)
 class GripperEvent:
-    """The grippers change their state while both arms rest.
+    """A change of the grippers' state while both arms rest.
 
     Attributes:
-        time: begin on the plan's clock, s.
-        closed: state of the right and the left gripper that is commanded.
-        dwell: s until the next segment may start.
+        time: start on the plan's clock, s.
+        closed: commanded state of the right and the left gripper.
+        dwell: time until the next segment may start, s.
     """
 
     time: float
@@ -80,13 +79,13 @@ class GripperEvent:
 
 @dataclass(frozen=True)
 class ArmChoice:
-    """What the search chose for one arm. Angles in rad.
+    """Hand and freedoms of one arm. Angles in rad.
 
     Attributes:
-        side: index of the target's hand that it serves.
-        offset: the grasp direction turned by this.
+        side: index of the target's hand that the arm serves.
+        offset: turn of the grasp direction about the vertical.
         tilt: of the tool below the horizontal.
-        share: its pull distance over the target's.
+        share: pull distance over the target's.
     """
 
     side: int
@@ -97,7 +96,7 @@ class ArmChoice:
 
 @dataclass(frozen=True, eq=False)
 class GarmentSurface:
-    """The garment as it was seen, for showing beside the motion.
+    """Surface of the observed garment, for display beside the motion.
 
     Attributes:
         p_WV: (V, 3) vertices, m.
@@ -119,17 +118,17 @@ class FlatteningPlan:
     """A dual-arm (or single-arm) flattening motion, ready to be verified, shown and executed.
 
     Attributes:
-        robot: name of the robot it was made for.
+        robot: name of the robot.
         robot_hash: of the model files and cell settings (see `Cell.robot_hash`).
         limits_hash: of the limits used.
         speed: fraction of the catalogue velocity, acceleration and jerk used.
-        target: what was to be flattened.
-        arms: for the right and the left arm; None for one that takes no part.
+        target: grasp points, directions and pull distances.
+        arms: choice for the right and the left arm; None for an arm that takes no part.
         turntable: angle during the grasp, rad.
         segments: approach, pull, release, in order.
         events: close after the first, open after the second segment.
-        note: why it is not a dual-arm plan; empty where it is.
-        garment: what was seen; None where unknown.
+        note: reason for a single-arm plan; empty for a dual-arm plan.
+        garment: observed surface; None if unknown.
     """
 
     robot: str
@@ -151,12 +150,12 @@ class FlatteningPlan:
 
     @property
     def motion_time(self) -> float:
-        """Time in motion, without the grippers' dwell, s."""
+        """Duration of all segments, without the grippers' dwell, s."""
         return sum(segment.trajectory.duration for segment in self.segments)
 
     @cached_property
     def content_hash(self) -> str:
-        """SHA-256 (hex) over everything in the plan, the hashes of robot and limits included."""
+        """SHA-256 (hex) over the whole plan, hashes of robot and limits included."""
         header, arrays = self._parts()
         digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
         for name in sorted(arrays):
@@ -166,10 +165,10 @@ class FlatteningPlan:
         return digest.hexdigest()
 
     def check_made_for(self, cell: Cell) -> None:
-        """Refuse a plan of another robot, cell or set of limits.
+        """Refuse a plan for another robot, cell or set of limits.
 
         Raises:
-            InputError: which of them differs.
+            InputError: naming what differs.
         """
         if self.robot != cell.robot.name:
             raise InputError(
@@ -188,10 +187,10 @@ class FlatteningPlan:
             )
 
     def save(self, path: str | Path) -> None:
-        """Write one file, whole or not at all.
+        """Write the plan to a file, atomically.
 
         Raises:
-            InputError: it cannot be written there.
+            InputError: the file cannot be written there.
         """
         header, arrays = self._parts()
         save_archive(path, {**header, "content_hash": self.content_hash}, arrays)
@@ -201,7 +200,7 @@ class FlatteningPlan:
         """Read a plan and check its hash.
 
         Raises:
-            InputError: missing, damaged, no plan, of another version, or changed since it was made.
+            InputError: the file is missing, damaged, no plan, of another version, or its content does not match its hash.
         """
         header, arrays = load_archive(path, _MEMBERS, MOST_BYTES)
         if header.get("format") != FORMAT:
@@ -263,7 +262,7 @@ class FlatteningPlan:
 
 
 def _plain(value: Any) -> Any:
-    """Numbers, also those of an object's fields, as the floats that a file gives back; the rest as it is."""
+    """Convert numbers, also those in a dictionary, to the floats that reading a file gives; keep other values."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     number_ = isinstance(value, int | float | np.number) and not isinstance(value, bool)
@@ -271,10 +270,10 @@ def _plain(value: Any) -> Any:
 
 
 def _from_parts(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> FlatteningPlan:
-    """The plan, with every field of the file checked for what it has to be.
+    """Build the plan from a file's header and arrays, checking the type of every field.
 
     Raises:
-        InputError: a field or an array is missing, or something else than it has to be.
+        InputError: a field or an array is missing or of the wrong type.
     """
     segments = tuple(_segment(i, item, arrays) for i, item in enumerate(items(header, "segments")))
     events = []
@@ -360,15 +359,15 @@ def _garment(arrays: Mapping[str, NDArray[Any]]) -> GarmentSurface | None:
     if triangles.dtype.kind not in "iu" or (
         triangles.size and not 0 <= triangles.min() <= triangles.max() < len(surface["p_WV"])
     ):
-        raise InputError("garment.triangles names vertices that are not there")
+        raise InputError("garment.triangles has indices of vertices that do not exist")
     return GarmentSurface(**surface)
 
 
 def _numbers(arrays: Mapping[str, NDArray[Any]], name: str) -> NDArray[Any]:
-    """An array of real numbers.
+    """Return an array of real numbers.
 
     Raises:
-        InputError: it is missing, or of another type.
+        InputError: the array is missing, or of another type.
     """
     if name not in arrays:
         raise InputError(f"the array {name} is missing")

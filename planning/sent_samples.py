@@ -1,7 +1,7 @@
-"""The trajectory as the controller takes it: whole milliseconds, positions and velocities as float32.
+"""Rounding of a trajectory to what the controller receives: whole milliseconds, positions and velocities as float32.
 
-Every controller profile carries positions (rad) and velocities (rad/s) as float32, and cuts point times to whole milliseconds
-(MotoROS 1.9.12, `MotionServer.c:2094`). The driver sends (ms + 0.4) / 1000 as float32, from which the cut leaves the ms.
+Every controller profile carries positions (rad) and velocities (rad/s) as float32, and truncates point times to whole milliseconds
+(MotoROS 1.9.12, `MotionServer.c:2094`). The driver sends (ms + 0.4) / 1000 as float32, which truncates to the same ms.
 """
 
 import numpy as np
@@ -12,9 +12,9 @@ from unwrinkle.planning.trajectory import Trajectory
 
 #: Milliseconds in a second.
 MILLISECONDS = 1000.0
-#: A time is a whole millisecond if it is no further from one than this, s.
+#: A time counts as a whole millisecond if it differs from one by at most this, s.
 WHOLE = 1e-9
-#: Beyond it (ms + 0.4) / 1000 as float32 no longer gives the ms (from 8192 s on), s.
+#: Longest trajectory, s: from 8192 s on, (ms + 0.4) / 1000 as float32 no longer truncates to the ms.
 LONGEST = 8000.0
 
 
@@ -32,49 +32,49 @@ def as_float32(values: Array) -> Array:
     """Round values to float32 and return them as float64.
 
     Raises:
-        InputError: a value is beyond what float32 can carry.
+        InputError: a value is beyond the range of float32.
     """
     with np.errstate(over="ignore", under="ignore"):
         rounded = np.asarray(values, dtype=np.float32).astype(float)
     if not np.isfinite(rounded).all():
-        raise InputError("a value of the trajectory is beyond what float32 can carry")
+        raise InputError("a value of the trajectory is beyond the range of float32")
     return rounded
 
 
 def as_sent(trajectory: Trajectory) -> Trajectory:
-    """The trajectory as the controller takes it; the same one again where it already is.
+    """Round a trajectory as the controller does; a rounded one is returned unchanged in value.
 
-    Samples on whole milliseconds keep their positions and velocities, but for the rounding to float32. Where a time is no
-    whole millisecond, the samples are taken anew from the cubic at the nearest whole millisecond, one each; the last falls on
-    or after the end (by less than a millisecond) and keeps the end's position and velocity.
+    Samples at whole milliseconds keep their positions and velocities, apart from the rounding to float32. If a time is no
+    whole millisecond, the cubic is resampled at the nearest whole milliseconds, one per sample; the last sample falls on or
+    after the end (by less than a millisecond) and keeps the end's position and velocity.
 
     Args:
-        trajectory: any.
+        trajectory: to be sent.
 
     Returns:
         Times k / 1000 s; positions in rad and velocities in rad/s, each the float64 of a float32.
 
     Raises:
-        InputError: it lasts longer than `LONGEST`, or a value is beyond what float32 can carry.
+        InputError: it lasts longer than `LONGEST`, or a value is beyond the range of float32.
     """
     if not trajectory.duration <= LONGEST:
         raise InputError(
-            f"the trajectory takes {trajectory.duration:.6g} s; the controller's clock carries {LONGEST:g} s"
+            f"the trajectory takes {trajectory.duration:.6g} s; the controller's clock represents at most {LONGEST:g} s"
         )
     times = whole_milliseconds(trajectory.times)
     positions, velocities = trajectory.positions, trajectory.velocities
     if not (np.abs(times - trajectory.times).max() <= WHOLE and np.all(np.diff(times) > 0.0)):
-        times, positions, velocities = _taken_anew(trajectory)
+        times, positions, velocities = _resampled(trajectory)
     return Trajectory(times, as_float32(positions), as_float32(velocities))
 
 
-def _taken_anew(trajectory: Trajectory) -> tuple[Array, Array, Array]:
-    """Samples of the cubic at whole milliseconds, the first and the last as they were."""
+def _resampled(trajectory: Trajectory) -> tuple[Array, Array, Array]:
+    """Resample the cubic at whole milliseconds; the first and the last sample keep their values."""
     end = max(1.0, np.ceil((trajectory.duration - WHOLE) * MILLISECONDS))
     steps = np.unique(np.append(np.rint(trajectory.times[:-1] * MILLISECONDS), end))
     times = steps[steps <= end] / MILLISECONDS
     inner = np.minimum(times, trajectory.duration)
-    as_float32(trajectory.velocities)  # the cubic of larger ones is no number
+    as_float32(trajectory.velocities)  # refuses values whose cubic would overflow
     with np.errstate(all="ignore"):
         path = trajectory.interpolant()
         positions, velocities = path(inner), path.derivative()(inner)

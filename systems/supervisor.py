@@ -84,7 +84,7 @@ class FlatteningSupervisor(LeafSystem):
         first = SupervisorState(
             policy_state=policy_state,
             head=HeadCommand(policy_state.looks),
-            centre=(float(x), float(y), float(cell.table_centre[2])),
+            centre=(float(x), float(y), cell.table.height),
             action=Action(look=policy_state.looks + 1, policy_state=policy_state),
         )
         self._speed = settings.speed

@@ -1,6 +1,7 @@
 """From a capture to a range map: table plane, garment mask, place in the world, metric grid."""
 
 import logging
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
@@ -18,8 +19,6 @@ from unwrinkle.perception.sensor import NoiseProfile, noise_profile
 
 __all__ = [
     "DEFAULT_CAMERA",
-    "DEFAULT_CENTRE",
-    "DEFAULT_TABLE_HEIGHT",
     "Capture",
     "load_capture",
     "range_map_from_capture",
@@ -27,8 +26,6 @@ __all__ = [
     "segment_capture",
 ]
 
-DEFAULT_CENTRE = (0.0, -1.10)
-DEFAULT_TABLE_HEIGHT = 0.70
 _MARGIN = 0.05
 _MOST_HOLES_ON_GARMENT = 0.5
 _DEEPEST = 0.02
@@ -44,9 +41,9 @@ _log = logging.getLogger(__name__)
 def range_map_from_capture(
     capture: Capture,
     *,
+    centre: Sequence[float],
+    table_height: float,
     profile: NoiseProfile | None = None,
-    centre: tuple[float, float] = DEFAULT_CENTRE,
-    table_height: float = DEFAULT_TABLE_HEIGHT,
     yaw: float = 0.0,
     seed: int = 0,
 ) -> RangeMap:
@@ -58,9 +55,9 @@ def range_map_from_capture(
 
     Args:
         capture: depth with its camera.
-        profile: noise of the sensor; None takes the camera's.
         centre: world x, y for the garment's centre where the pose is unknown, metres.
         table_height: world z of the table where the pose is unknown, metres.
+        profile: noise of the sensor; None takes the camera's.
         yaw: turn about the world's z where the pose is unknown, radians.
         seed: of the plane's consensus and GrabCut.
 
@@ -135,7 +132,7 @@ def _laid(
     table: TableFit,
     points_C: NDArray[np.float64],
     garment: NDArray[np.bool_],
-    centre: tuple[float, float],
+    centre: Sequence[float],
     table_height: float,
     yaw: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

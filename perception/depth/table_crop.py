@@ -4,27 +4,23 @@ Where the floor fills more of the view than the table does, it is the floor that
 """
 
 import dataclasses as dc
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
+from unwrinkle.models.table import Table
 from unwrinkle.perception.depth.capture import Capture
 
 _BELOW = 0.05  # metres under the table's top; a reading further down is not on it
 _LEAST_PIXELS = 32
 
 
-def over_table(
-    capture: Capture, centre: NDArray[np.floating[Any]], size: tuple[float, float]
-) -> Capture:
+def over_table(capture: Capture, table: Table) -> Capture:
     """Crop a capture to the window that holds a table's top, and drop readings far below it.
 
     Args:
         capture: with the camera's pose.
-        centre: (3,) world x, y, z of the middle of the table's top, metres.
-        size: of the top along world x and y, metres.
+        table: the working table.
 
     Returns:
         A capture of its own camera: the same pinhole with a smaller image.
@@ -36,12 +32,12 @@ def over_table(
     if capture.X_WC is None:
         raise InputError(f"{capture.name}: where the camera is, is not known; give its pose")
     camera, R_WC, p_WC = capture.camera, capture.X_WC[:3, :3], capture.X_WC[:3, 3]
-    half = 0.5 * np.array(size)
+    half = 0.5 * np.array(table.size)
     ends = np.linspace(-1.0, 1.0, 9)
     across, along = np.meshgrid(ends * half[0], ends * half[1])
-    top = np.stack([across, along, np.zeros_like(across)], axis=-1) + np.asarray(centre, float)
+    top = np.stack([across, along, np.zeros_like(across)], axis=-1) + table.top_centre
     p_CT = (top.reshape(-1, 3) - p_WC) @ R_WC
-    if p_WC[2] <= centre[2] or (p_CT[:, 2] <= 0.0).any():
+    if p_WC[2] <= table.height or (p_CT[:, 2] <= 0.0).any():
         raise InputError(f"{capture.name}: the camera does not look down on the whole table")
     pixels = camera.project(p_CT)
     shape = np.array([camera.width, camera.height])
@@ -55,7 +51,7 @@ def over_table(
     x, y = (axis[window] for axis in camera.rays())
     depth = np.array(capture.depth[window])
     level = depth * (R_WC[2, 0] * x + R_WC[2, 1] * y + R_WC[2, 2]) + p_WC[2]
-    depth[level < centre[2] - _BELOW] = 0.0
+    depth[level < table.height - _BELOW] = 0.0
     registered = capture.colour is not None and capture.colour_registered
     return Capture(
         depth=depth,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.table import Table
 from unwrinkle.models.transforms import inverse, transformed
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.table_plane import TableFit, fit_table
@@ -45,33 +46,20 @@ _SHAPE_TOLERANCE = 0.002
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class KnownTable:
-    """The working table as the cell knows it, metres in the world.
+def garment_space(table: Table) -> NDArray[np.float64]:
+    """Corners (8, 3) of the space over the table where a garment can be, world, metres."""
+    half = 0.5 * np.array(table.size) + _MARGIN
+    low = [*(table.centre - half), table.height - _DEEPEST]
+    high = [*(table.centre + half), table.height + _TALLEST]
+    corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
+    return np.asarray(corners, dtype=float)
 
-    Attributes:
-        centre: x, y.
-        size: along x and y.
-        height: z of its top.
-    """
 
-    centre: tuple[float, float] = (0.0, -1.2)
-    size: tuple[float, float] = (0.8, 0.8)
-    height: float = 0.70
-
-    def box(self) -> NDArray[np.float64]:
-        """Corners (8, 3) of the space over the table where a garment can be."""
-        half = 0.5 * np.array(self.size) + _MARGIN
-        low = [*(self.centre - half), self.height - _DEEPEST]
-        high = [*(self.centre + half), self.height + _TALLEST]
-        corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
-        return np.asarray(corners, dtype=float)
-
-    def grid(self, resolution: float) -> Grid:
-        """The grid over the table's top, less a rim that may show what is behind it."""
-        x, y = np.array(self.centre) - 0.5 * np.array(self.size) + _RIM
-        nx, ny = (int((length - 2.0 * _RIM) / resolution) + 1 for length in self.size)
-        return Grid(float(x), float(y), nx, ny, resolution)
+def table_grid(table: Table, resolution: float) -> Grid:
+    """The grid over the table's top, less a rim that may show what is behind it."""
+    x, y = np.array(table.centre) - 0.5 * np.array(table.size) + _RIM
+    nx, ny = (int((length - 2.0 * _RIM) / resolution) + 1 for length in table.size)
+    return Grid(float(x), float(y), nx, ny, resolution)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +84,7 @@ def look(
     head: StereoHead,
     gaze: Gaze,
     *,
-    table: KnownTable | None = None,
+    table: Table,
     whole: bool = False,
 ) -> StereoLook:
     """Rectify and match a pair.
@@ -105,17 +93,16 @@ def look(
         pair: the images; of the calibrated size or reduced alike in both directions.
         head: calibrated head.
         gaze: its angles when the pair was taken.
-        table: gives the region and the range of disparities; None for the Glasgow cell's.
+        table: gives the region and the range of disparities.
         whole: match all that both eyes see, not only what can show the table.
 
     Raises:
         InputError: sizes that do not fit, angles beyond the limits, a table out of view, images
             swapped or out of step with the angles.
     """
-    table = table or KnownTable()
     X_WL, X_WR = head.poses(gaze)
     left_camera, right_camera = _camera(head.left, pair), _camera(head.right, pair)
-    box_L = transformed(inverse(X_WL), table.box())
+    box_L = transformed(inverse(X_WL), garment_space(table))
     X_LR = inverse(X_WL) @ X_WR
     _check_view(left_camera, box_L, pair)
     rectification = rectify(left_camera, right_camera, X_LR, region=None if whole else box_L)
@@ -132,7 +119,7 @@ def range_map_from_pair(
     head: StereoHead,
     gaze: Gaze,
     *,
-    table: KnownTable | None = None,
+    table: Table,
     profile: NoiseProfile | None = None,
     seed: int = 0,
 ) -> RangeMap:
@@ -143,7 +130,7 @@ def range_map_from_pair(
 
     Args:
         pair, head, gaze: see `look`.
-        table: the working table; None for the Glasgow cell's.
+        table: the working table.
         profile: noise of the sensor; None for that of the distance.
         seed: of the plane's consensus and GrabCut.
 
@@ -151,11 +138,10 @@ def range_map_from_pair(
         InputError: as `look`; too little of the table was matched, it leans or lies too far from
             where the cell has it, or there is no garment.
     """
-    table = table or KnownTable()
     found = look(pair, head, gaze, table=table)
     profile = profile or _profile(found, table)
     offset = _known_height(found, table, profile, pair.name, seed)
-    grid = table.grid(_resolution(found, table, profile, pair.name))
+    grid = table_grid(table, _resolution(found, table, profile, pair.name))
     height, valid = table_heights(found, table, grid, offset=offset)
     camera = found.rectification.camera
     view = TableView(grid, height, valid, table.height, camera, found.X_WC, pair.name)
@@ -180,7 +166,7 @@ def range_map_from_pair(
 
 
 def table_heights(
-    found: StereoLook, table: KnownTable, grid: Grid, *, offset: float = 0.0
+    found: StereoLook, table: Table, grid: Grid, *, offset: float = 0.0
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Lay a matched pair on a grid over the table.
 
@@ -204,13 +190,13 @@ def table_heights(
     )
 
 
-def _profile(found: StereoLook, table: KnownTable) -> NoiseProfile:
+def _profile(found: StereoLook, table: Table) -> NoiseProfile:
     """The noise that this distance has."""
     away = float(np.linalg.norm(np.array([*table.centre, table.height]) - found.X_WC[:3, 3]))
     return noise_profile("stereo" if away < _NEAR else "stereo-head")
 
 
-def _resolution(found: StereoLook, table: KnownTable, profile: NoiseProfile, name: str) -> float:
+def _resolution(found: StereoLook, table: Table, profile: NoiseProfile, name: str) -> float:
     """Cell size, metres: the profile's, or coarser where pixels lie further apart on the table."""
     towards = np.array([*table.centre, table.height]) - found.X_WC[:3, 3]
     distance = float(np.linalg.norm(towards))
@@ -269,7 +255,7 @@ def _check_view(camera: Camera, box_L: NDArray[np.float64], pair: StereoPair) ->
         )
 
 
-def _reduced(found: StereoLook, table: KnownTable, name: str) -> tuple[NDArray[np.float32], Camera]:
+def _reduced(found: StereoLook, table: Table, name: str) -> tuple[NDArray[np.float32], Camera]:
     """Depth of what is on the table, on a smaller image of the rectified left camera.
 
     Raises:
@@ -311,7 +297,7 @@ def _lowest_plane(
 
 
 def _known_height(
-    found: StereoLook, table: KnownTable, profile: NoiseProfile, name: str, seed: int
+    found: StereoLook, table: Table, profile: NoiseProfile, name: str, seed: int
 ) -> float:
     """Return what must be added to disparities, pixels, to see the table at its known height.
 

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from unwrinkle.models import InputError
+from unwrinkle.models.table import Table
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import NoiseProfile, noise_profile
 from unwrinkle.perception.target import MODES, FlatteningTarget, NoTarget
 from unwrinkle.perception.wrinkles.ridges import contour_points, link, ridge_points
 from unwrinkle.perception.wrinkles.surface import Surface, fit_surface, spread
-from unwrinkle.perception.wrinkles.targeting import TableTop, flattening_target
+from unwrinkle.perception.wrinkles.targeting import flattening_target
 from unwrinkle.perception.wrinkles.wrinkle import Wrinkle, wrinkles_of
 from unwrinkle.perception.wrinkles.wrinkledness import Wrinkledness, wrinkledness
 
@@ -35,7 +36,7 @@ class Analysis:
         surface: the garment's fitted surface, on a grid of its own.
         ridge_points: mask of ridge points, on the surface's grid.
         wrinkles: largest (by volume score) first.
-        table: the table's rectangle, which grasp points stay on.
+        table: the working table; grasp points stay on it.
         section, pull: of targets, see `flattening_target`.
     """
 
@@ -45,7 +46,7 @@ class Analysis:
     surface: Surface
     ridge_points: NDArray[np.bool_]
     wrinkles: tuple[Wrinkle, ...]
-    table: TableTop
+    table: Table
     section: str = "centre"
     pull: str = "wrinkle"
 
@@ -61,8 +62,7 @@ class Analysis:
         points = self.range_map.origin + self.range_map.resolution * np.column_stack(
             [columns, rows]
         )
-        half = 0.5 * np.asarray(self.table.size)
-        beyond = np.any(np.abs(points - self.table.centre) > half, axis=1)
+        beyond = self.table.outside(points)
         return float(beyond.mean()) if len(beyond) else 0.0
 
     @property
@@ -74,8 +74,7 @@ class Analysis:
         points = self.range_map.origin + self.range_map.resolution * np.column_stack(
             [columns, rows]
         )
-        half = 0.5 * np.asarray(self.table.size) - _AT_EDGE
-        along = np.any(np.abs(points - self.table.centre) > half, axis=1)
+        along = self.table.outside(points, _AT_EDGE)
         return float(along.mean()) if len(along) else 0.0
 
     @cached_property
@@ -139,9 +138,9 @@ class Analysis:
 def analyse(
     range_map: RangeMap,
     *,
+    table: Table,
     mode: str = "foot",
     profile: NoiseProfile | None = None,
-    table: TableTop | None = None,
     patches: bool = False,
     section: str = "centre",
     pull: str = "wrinkle",
@@ -150,9 +149,9 @@ def analyse(
 
     Args:
         range_map: height above the table, with the garment's mask.
+        table: the working table; grasp points stay on it.
         mode: reading of Eq. 5: "paper" (between the contours), "foot" (foot to foot), or "between" (their mean).
         profile: noise profile; None for the range map's sensor's own.
-        table: the table's rectangle; None for the working table.
         patches: the paper's independent surface patches in place of one smooth surface.
         section, pull: of targets, see `flattening_target`.
 
@@ -162,7 +161,6 @@ def analyse(
     if mode not in MODES:
         raise InputError(f"mode {mode!r}: must be one of {', '.join(MODES)}")
     profile = profile or noise_profile(range_map.sensor)
-    table = table or TableTop()
     surface = fit_surface(range_map, profile, patches=patches)
     ridge = ridge_points(surface, profile)
     wrinkles = [

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.table import Table
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.target import (
     PULLS,
@@ -57,27 +58,6 @@ SECTION_SHIFTS = (0.0, -0.1, 0.1, -0.2, 0.2, -0.3, 0.3, -0.4, 0.4)
 END_SHARE = 0.1
 #: Sigma of the smoothing of a crest before its highest part is taken, metres.
 CREST_SIGMA = 0.010
-
-
-@dataclass(frozen=True)
-class TableTop:
-    """The table's rectangle in the world frame, metres.
-
-    Attributes:
-        centre: world x, y of its centre.
-        size: extent along world x and y.
-        margin: grasp points stay this far inside its edges.
-    """
-
-    centre: tuple[float, float] = (0.0, -1.2)
-    size: tuple[float, float] = (0.8, 0.8)
-    margin: float = 0.0
-
-    def overhang(self, point: Vectors) -> float:
-        """How far (x, y) lies outside the usable rectangle, metres; 0 if inside."""
-        half = 0.5 * np.asarray(self.size) - self.margin
-        beyond = np.abs(np.asarray(point) - np.asarray(self.centre)) - half
-        return float(np.hypot(*np.maximum(beyond, 0.0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,10 +139,10 @@ def flattening_target(
     surface: Surface,
     wrinkle: Wrinkle,
     *,
+    table: Table,
     mode: str = "foot",
     section: str = "centre",
     pull: str = "wrinkle",
-    table: TableTop | None = None,
 ) -> FlatteningTarget | NoTarget:
     """Return what both hands do about `wrinkle`, or why nothing can be done.
 
@@ -176,16 +156,15 @@ def flattening_target(
         range_map: what the surface was fitted to; tells where the sensor saw anything.
         surface: the garment's surface.
         wrinkle: which wrinkle.
+        table: the working table; grasp points stay on it.
         mode: one of MODES.
         section: one of SECTIONS: where along the wrinkle.
         pull: one of PULLS: the slack of the wrinkle, by Eq. 5 in `mode`, or of all that the section
             crosses, from grasp point to grasp point.
-        table: the table's rectangle; None for the working table.
 
     Raises:
         InputError: unknown mode, section or pull.
     """
-    table = table or TableTop()
     wrinkle.pull_distance(mode)  # refuses an unknown mode before any work
     if pull not in PULLS:
         raise InputError(f"pull {pull!r}: must be one of {', '.join(PULLS)}")
@@ -256,7 +235,7 @@ def _section_target(
     start: Vectors,
     mode: str,
     pull: str,
-    table: TableTop,
+    table: Table,
     least_angle: float,
 ) -> FlatteningTarget | NoTarget:
     ends: list[tuple[Vectors, Vectors, Vectors]] = []
@@ -316,7 +295,7 @@ def _problem(
     grasp: Vectors,
     inward: Vectors,
     outward: Vectors,
-    table: TableTop,
+    table: Table,
     least_angle: float,
 ) -> str | None:
     """Why this grasp point will not do; None if it will."""

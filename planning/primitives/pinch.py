@@ -1,8 +1,8 @@
-"""One arm pinches a fold from above: its blades come down along their own axis, close, and lift straight up.
+"""Pinch of a fold from above by one arm: the blades move down along their own axis, close, and lift straight up.
 
-Both tips should be equally high then. The upper blade is the shorter one, so the tool leans a little past the
-vertical, outside the scenario's window of tilts: that one is for sliding the lower blade under cloth. Paths are free of
-collision by the collision model of the flattening search; they carry no timing and no verdict.
+Both tips should be at equal height. The upper blade is the shorter one, so the tool leans slightly past the vertical, outside
+the scenario's window of tilts, which applies to sliding the lower blade under cloth. Paths are checked by the collision model of
+the flattening search; they have no timing and are not verified.
 """
 
 import itertools
@@ -33,17 +33,17 @@ class PinchSettings:
     """The shape of the motion (m) and the freedoms of the search (rad, cheapest first).
 
     Attributes:
-        approach: length of the way down along the blades' axis.
+        approach: length of the path down along the blades' axis.
         lift: height of the straight lift.
-        depth: how far below the crest the lower tip goes, if the table lets it.
+        depth: of the lower tip below the crest; reduced where `table_gap` requires it.
         table_gap: least distance of the tips from the table.
-        leans: of the blades' axis from the one that has both tips equally high; positive raises the upper tip.
-        offsets: of the closing direction from square across the fold.
+        leans: of the blades' axis from the direction with both tips at equal height; positive raises the upper tip.
+        offsets: of the closing direction from perpendicular to the fold.
         turntable: angles of the turn-table.
-        step: between the points at which the path is solved.
-        most: free combinations of freedoms that are followed and checked for collision.
-        transit_budget: s, for a way from home found by sampling.
-        seed: of that.
+        step: distance of the points at which the path is solved.
+        most: limit of the combinations of freedoms whose paths are checked for collision.
+        transit_budget: of one transit found by sampling, s.
+        seed: of the sampling.
     """
 
     approach: float = 0.12
@@ -66,12 +66,12 @@ class PinchPlan:
     Attributes:
         arm: 0 right, 1 left; the other one stays at home.
         turntable: rad.
-        tilt: of the tool below the horizontal, rad; over pi/2 it leans back.
-        offset: of the closing direction from square across the fold, rad.
+        tilt: of the tool below the horizontal, rad; above pi/2 it leans back.
+        offset: of the closing direction from perpendicular to the fold, rad.
         X_WT: (4, 4) of the tool centre point when the blades are down.
-        path: (N, 13) from above to the pinch and up, rad.
-        pinch_index: of the configuration in which the blades are down.
-        transit: (M, 13) corners of the way there from home, rad.
+        path: (N, axes) configurations from above to the pinch and up, rad.
+        pinch_index: index of the configuration in which the blades are down.
+        transit: (M, axes) corners of the transit from home, rad.
     """
 
     arm: int
@@ -86,7 +86,7 @@ class PinchPlan:
 
 @dataclass(frozen=True)
 class NoPinch:
-    """No arm can pinch there.
+    """Failure: no arm can pinch the fold.
 
     Attributes:
         cause: far-reach, limits, collision or transit.
@@ -98,7 +98,7 @@ class NoPinch:
 
 
 def level_tilt(blades: Blades, opening: float) -> float:
-    """Tilt (rad) below the horizontal at which both tips of open blades are equally high."""
+    """Compute the tilt below the horizontal, rad, at which both tips of the open blades are at equal height."""
     apart = opening + blades.thickness
     return float(np.arctan2(apart, blades.upper_end - blades.lower_end))
 
@@ -106,16 +106,16 @@ def level_tilt(blades: Blades, opening: float) -> float:
 def pinch_pose(
     p_WG: Array, direction: Array, tilt: float, tip_height: float, blades: Blades, opening: float
 ) -> Array:
-    """X_WT (4, 4) of the tool whose open blades stand astride a fold.
+    """Compute X_WT (4, 4) of the tool whose open blades stand on both sides of a fold.
 
-    The blades' middle line passes the fold half way between its crest and the tips.
+    The blades' middle line passes through the fold half way between its crest and the tips.
 
     Args:
         p_WG: (3,) the fold's crest.
         direction: (2,) unit, across the fold, from the lower to the upper blade.
         tilt: of the tool below the horizontal, rad.
         tip_height: world z of the lower one of the tips.
-        blades: their geometry.
+        blades: geometry of the blades.
         opening: distance between them, m.
     """
     R_WT = tool_rotation(direction, tilt)
@@ -138,37 +138,38 @@ def pinch_pose(
 
 
 class PinchPlanner:
-    """Plans pinches in one cell."""
+    """Planner of pinches in one cell."""
 
     def __init__(self, cell: Cell, settings: PinchSettings | None = None) -> None:
         """Build the models of the cell once."""
         self.settings = PinchSettings() if settings is None else settings
         self.blades = load_blades()
         self.opening = cell.scenario.gripper.opening
-        self._table = float(cell.table_centre[2])
+        self._table = cell.table.height
         self._kinematics = Kinematics(cell)
         self._contact = CollisionModel(cell, contact=True)
         self._transits = TransitPlanner(
-            cell.limits,
+            cell,
             CollisionModel(cell, contact=False),
             self.settings.transit_budget,
             self.settings.seed,
         )
+        self._robot = cell.robot
         self._home = np.array(cell.robot.named_states["home"], dtype=float)
 
     def tip_height(self, crest: float) -> float:
-        """World z that the lower tip goes down to for a crest at world z `crest`, m."""
+        """Compute the world z of the lower tip when down, for a crest at world z `crest`, m."""
         return max(crest - self.settings.depth, self._table + self.settings.table_gap)
 
     def plan(self, p_WG: Array, across: Array) -> PinchPlan | NoPinch:
-        """Find an arm, a turn-table angle and a posture that pinch a fold, or say why there is none.
+        """Find an arm, a turn-table angle and a posture that pinch a fold, or the cause of failure.
 
         Args:
             p_WG: (3,) the fold's crest, world, m.
             across: (2,) unit, horizontal, across the fold; its sign does not matter.
 
         Raises:
-            InputError: no such point or direction.
+            InputError: the point is not three finite numbers, or the direction is not a unit vector of two.
         """
         p_WG, across = np.asarray(p_WG, dtype=float), np.asarray(across, dtype=float)
         if p_WG.shape != (3,) or not np.isfinite(p_WG).all():
@@ -190,7 +191,7 @@ class PinchPlanner:
         return self._first_free(choices, poses, missing)
 
     def _choices(self, p_WG: Array, across: Array) -> tuple[list[tuple[float, float]], Array]:
-        """Tilts and offsets, cheapest first, with their key poses (n, 3, 4, 4): above, down, lifted."""
+        """List tilts and offsets, cheapest first, with their key poses (n, 3, 4, 4): above, down, lifted."""
         level = level_tilt(self.blades, self.opening)
         height = self.tip_height(float(p_WG[2]))
         choices, poses = [], []
@@ -210,7 +211,7 @@ class PinchPlanner:
     def _first_free(
         self, choices: list[tuple[float, float]], poses: Array, missing: Array
     ) -> PinchPlan | NoPinch:
-        """The first combination that has a free path; `missing` is (arms * turns, n)."""
+        """Return the first combination with a free path; `missing` is (arms * turns, n), m."""
         turns = self.settings.turntable
         solvable = np.zeros(missing.shape, dtype=bool)
         for row, (arm, turn) in enumerate(itertools.product((0, 1), turns)):
@@ -251,9 +252,11 @@ class PinchPlanner:
                         transit.points,
                     )
         if refused:
-            return NoPinch("transit", f"no free way from home to any of {refused} free pinches")
+            return NoPinch("transit", f"no free transit from home to any of {refused} free pinches")
         if not colliding:
-            return NoPinch("limits", "no posture stays within the limits along the way down and up")
+            return NoPinch(
+                "limits", "no posture stays within the limits along the path down and up"
+            )
         (a, b), count = colliding.most_common(1)[0]
         return NoPinch(
             "collision",
@@ -261,12 +264,12 @@ class PinchPlanner:
         )
 
     def _nearest_first(self, p: Array) -> tuple[int, int]:
-        """Arms, that whose base at home is nearer to (x, y) first."""
+        """Return both arms, the one whose base at home is nearer to (x, y) first."""
         away = [float(np.hypot(*(self._kinematics.base(arm, 0.0)[:2, 3] - p))) for arm in (0, 1)]
         return (0, 1) if away[0] <= away[1] else (1, 0)
 
     def _line(self, key: Array) -> Array:
-        """Poses (N, 4, 4) along the straight lines through the key poses."""
+        """Compute poses (N, 4, 4) along the straight lines through the key poses."""
         above, down, lifted = key
         n = round(self.settings.approach / self.settings.step)
         m = round(self.settings.lift / self.settings.step)
@@ -279,13 +282,13 @@ class PinchPlanner:
         return np.asarray(tool_poses(p, down[:3, :3]))
 
     def _paths(self, arm: int, turntable: float, X: Array) -> list[Array]:
-        """Configurations (N, 13) of every continuous branch."""
+        """Compute the configurations (N, axes) of every continuous branch, rad."""
         solution = self._kinematics.inverse(arm, turntable, X)
         lower, upper = self._kinematics.lower, self._kinematics.upper
         paths = []
         for q in follow_branches(solution.q, solution.within, lower, upper):
             path = np.tile(self._home, (len(q), 1))
-            path[:, 0] = turntable
-            path[:, 1 + 6 * arm : 7 + 6 * arm] = q
+            path[:, self._robot.turntable_axis] = turntable
+            path[:, self._robot.arms[arm].axes] = q
             paths.append(path)
         return paths

@@ -1,22 +1,26 @@
-"""Collision checking of the cell, with one clearance per pair of bodies and a step that nothing can slip through."""
+"""Collision checking of the cell, with one clearance per pair of bodies and a step bounded by the smaller arm clearance."""
 
-from collections.abc import Iterator
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common import Parallelism
-from pydrake.geometry import Box, Capsule, Cylinder, Role, Sphere
-from pydrake.multibody.tree import BodyIndex
+from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.planning import LinearDistanceAndInterpolationProvider, SceneGraphCollisionChecker
 
 from unwrinkle.models.arrays import Array
-from unwrinkle.models.robot import ROBOT_INSTANCES, Cell, build_robot_diagram, position_indices
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.robot import Cell, build_robot_diagram, position_indices, scoped
+from unwrinkle.planning.robot.axis_reach import axis_reach
 
 
 class CollisionModel:
-    """Is a thirteen-axis configuration free, with the scenario's clearances? Grippers open, head at its gaze."""
+    """Checks configurations of the robot against the scenario's clearances; grippers open, head at the scenario's gaze.
+
+    Attributes:
+        reach: (axes,) bound on how far any point of the robot moves per radian of each axis, m; see `axis_reach`.
+        step: greatest relative motion of two bodies between two checked configurations of an edge, m.
+    """
 
     def __init__(self, cell: Cell, *, contact: bool) -> None:
         """Build the checker.
@@ -24,10 +28,13 @@ class CollisionModel:
         Args:
             cell: robot, surroundings, clearances.
             contact: whether the fingers may touch the working table (clearance 0); else they keep `finger_table`.
+
+        Raises:
+            InputError: the models lack a link that the robot's description gives a role.
         """
         diagram = build_robot_diagram(cell)
         plant = diagram.plant()
-        robot = [plant.GetModelInstanceByName(name) for name in ROBOT_INSTANCES]
+        robot = [plant.GetModelInstanceByName(name) for name in cell.robot.instances]
         self._checker = SceneGraphCollisionChecker(
             model=diagram,
             robot_model_instances=robot,
@@ -45,58 +52,57 @@ class CollisionModel:
         self.step = 2.0 * min(clearance.arm_arm, clearance.arm_table)
 
     def _set_padding(self, cell: Cell, contact: bool) -> None:
-        clearance = cell.scenario.clearance
-        plant = self._checker.plant()
-        table = cell.scenario.table.frame.rpartition("::")[0]
-        bodies = []
-        for i in range(plant.num_bodies()):
-            body = plant.get_body(BodyIndex(i))
-            bodies.append((plant.GetModelInstanceName(body.model_instance()), body))
-        for instance_a, a in bodies:
-            arm = instance_a[:2] if instance_a[:2] in ("r1", "r2") else ""
-            if not arm or a.name() == "link_1":
+        """Set the clearance of every pair of bodies that an arm can move against each other."""
+        plant, robot = self._checker.plant(), cell.robot
+        bodies = [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
+        _check_roles(cell, {_name(body) for body in bodies})
+        adjacent = {frozenset(pair) for pair in robot.adjacent}
+        # The link that carries an arm's first axis is bolted to the carrier: the arm does not move it.
+        bases = set()
+        for arm in robot.arms:
+            instance, joint = scoped(robot.axes[arm.axes[0]])
+            first = plant.GetJointByName(joint, plant.GetModelInstanceByName(instance))
+            bases.add(first.parent_body().index())
+        for a in bodies:
+            own = robot.arm_of(scoped(_name(a))[0])
+            if own is None or a.index() in bases:
                 continue
-            for instance_b, b in bodies:
-                other = instance_b[:2] if instance_b[:2] in ("r1", "r2") else ""
-                if other == arm or self._checker.IsCollisionFilteredBetween(a, b):
+            for b in bodies:
+                other = robot.arm_of(scoped(_name(b))[0])
+                if other == own or self._checker.IsCollisionFilteredBetween(a, b):
                     continue
-                if other:
-                    padding = clearance.arm_arm
-                elif instance_b == table:
-                    padding = clearance.arm_table
-                    if a.name() == "palm":
-                        padding = clearance.palm_table
-                    elif a.name().endswith("finger"):
-                        padding = 0.0 if contact else clearance.finger_table
-                elif b.name() == "r750" and a.name() == "link_2":
-                    continue  # the shoulder turns a few millimetres above the carrier
-                else:
-                    padding = clearance.surroundings
-                self._checker.SetPaddingBetween(a, b, padding)
+                if frozenset((_name(a), _name(b))) not in adjacent:
+                    padding = _padding(cell, a, b, contact)
+                    self._checker.SetPaddingBetween(a, b, padding)
 
     def positions(self, q: Array) -> Array:
-        """The plant's positions (19,) for thirteen axes (13,)."""
+        """Return the plant's positions for the robot's axes (axes,), rad; blades and head at their defaults."""
         full = self._rest.copy()
         full[self._indices] = q
         return full
 
     def free(self, q: Array) -> bool:
-        """Whether a configuration (13,) keeps every clearance."""
+        """Return whether a configuration (axes,), rad, keeps every clearance."""
         return bool(self._checker.CheckConfigCollisionFree(self.positions(q)))
 
     def path_free(self, path: Array) -> bool:
-        """Whether a polyline (N, 13) is free, ends and coarse points first, in steps that nothing can slip through."""
+        """Return whether a polyline (N, axes), rad, keeps every clearance; coarse points are checked first."""
         order = np.argsort(_bit_reversed(len(path)))
         if not all(self.free(path[i]) for i in order):
             return False
         return all(self.edge_free(a, b, ends=False) for a, b in pairwise(path))
 
     def edge_free(self, a: Array, b: Array, *, ends: bool = True) -> bool:
-        """Whether the straight joint line from a to b is free.
+        """Return whether the straight joint line from a to b, (axes,) each, rad, keeps every clearance at its steps.
 
-        The step is chosen so that no two bodies move against each other by more than twice the smaller of the arms'
-        clearances between two checked configurations: what keeps that clearance at both cannot have touched in between.
-        For pairs with a smaller clearance (palms, fingers, surroundings) that is left to the verification to prove.
+        Between two checked configurations no two bodies move against each other by more than twice the smaller of the
+        arms' clearances, so a pair that keeps that clearance at both cannot touch in between. Pairs with a smaller clearance
+        (palms, fingers, surroundings) have no such bound here; the verification bounds them between its samples.
+
+        Args:
+            a: start of the line.
+            b: end of the line.
+            ends: check both ends too.
         """
         if ends and not (self.free(b) and self.free(a)):
             return False
@@ -107,7 +113,7 @@ class CollisionModel:
         return True
 
     def colliding_pair(self, q: Array) -> tuple[str, str] | None:
-        """Names of a pair of bodies that is too close, or None."""
+        """Return the scoped names of the pair of bodies that is deepest in its clearance, or None if there is no pair."""
         plant = self._checker.plant()
         clearance = self._checker.CalcRobotClearance(self.positions(q), 0.0)
         distances = clearance.distances()
@@ -116,73 +122,48 @@ class CollisionModel:
         i = int(np.argmin(distances))
         names = []
         for index in (clearance.robot_indices()[i], clearance.other_indices()[i]):
-            body = plant.get_body(index)
-            names.append(f"{plant.GetModelInstanceName(body.model_instance())}::{body.name()}")
+            names.append(_name(plant.get_body(index)))
         return names[0], names[1]
 
 
 def _bit_reversed(count: int) -> NDArray[np.int64]:
-    """Sort keys that visit 0..count-1 coarse to fine."""
+    """Return sort keys (count,) that visit 0..count-1 from coarse to fine."""
     bits = max(1, int(count - 1).bit_length())
     return np.array([int(format(i, f"0{bits}b")[::-1], 2) for i in range(count)])
 
 
-def axis_reach(cell: Cell) -> Array:
-    """Bound (13,) on how far any point of the robot moves per radian of each axis, m.
+def _name(body: RigidBody) -> str:
+    return str(body.scoped_name().get_full())
 
-    For each axis: the greatest distance, over all configurations, between the axis and any collision geometry it moves. Lengths
-    between consecutive joint origins are added; an origin that lies on the axis before it counts from the one before that.
+
+def _padding(cell: Cell, a: RigidBody, b: RigidBody, contact: bool) -> float:
+    """Return the clearance, m, that a body `a` of an arm keeps from `b`, which is not of that arm."""
+    clearance, robot = cell.scenario.clearance, cell.robot
+    instance = scoped(_name(b))[0]
+    if robot.arm_of(instance) is not None:
+        return clearance.arm_arm
+    if instance != scoped(cell.scenario.table.frame)[0]:
+        return clearance.surroundings
+    if a.name() == robot.palm:
+        return clearance.palm_table
+    if a.name() in robot.fingers:
+        return 0.0 if contact else clearance.finger_table
+    return clearance.arm_table
+
+
+def _check_roles(cell: Cell, names: set[str]) -> None:
+    """Refuse roles of links that the models do not have: a misspelt one would get another clearance.
+
+    Raises:
+        InputError: naming the missing link.
     """
-    diagram = build_robot_diagram(cell)
-    plant, scene_graph = diagram.plant(), diagram.scene_graph()
-    inspector = scene_graph.model_inspector()
-
-    def shapes(instance: str, *names: str) -> Iterator[tuple[Array, Any]]:
-        """Centre in the body's frame and shape of the bodies' collision geometry."""
-        for name in names:
-            body = plant.GetBodyByName(name, plant.GetModelInstanceByName(instance))
-            frame = plant.GetBodyFrameIdOrThrow(body.index())
-            for geometry in inspector.GetGeometries(frame, Role.kProximity):
-                yield (
-                    inspector.GetPoseInFrame(geometry).translation(),
-                    inspector.GetShape(geometry),
-                )
-
-    def radius(instance: str, *names: str) -> float:
-        """Greatest distance of a point of the bodies from their frames' origins."""
-        return max(
-            float(np.linalg.norm(c)) + _shape_radius(shape) for c, shape in shapes(instance, *names)
-        )
-
-    gripper = ("palm", "lower_finger", "upper_finger")
-    stroke = cell.limits.gripper.stroke
-    rows = cell.robot.denavit_hartenberg
-    # Lever of each link's origin seen from the joint before it; R turns about the line to B's origin, T about the flange's.
-    shoulder, upper = np.hypot(rows[0].a, rows[0].d), rows[1].a
-    fore, wrist = np.hypot(rows[2].a, rows[3].d), rows[4].a
-    finger = cell.robot.tool_offset - 0.30 + rows[5].d
-    tip = finger + radius("r1_gripper", *gripper) + stroke
-    beyond_b = max(radius("r1", "link_6"), wrist + tip)
-    beyond_u = max(radius("r1", "link_4"), radius("r1", "link_5") + rows[2].a, fore + beyond_b)
-    beyond_l = max(radius("r1", "link_3"), upper + beyond_u)
-    about_s = max(radius("r1", "link_2"), rows[0].a + beyond_l)
-    # The last axis turns the gripper about the palm's z axis.
-    turning = stroke + max(
-        float(np.hypot(*(np.abs(c) + 0.5 * np.asarray(shape.size()))[:2]))
-        for c, shape in shapes("r1_gripper", *gripper)
-    )
-    arm = [about_s, beyond_l, beyond_u, max(beyond_b, rows[2].a), beyond_b, turning]
-    table = cell.robot.arm_offset + shoulder * np.sin(cell.robot.arm_cant) + about_s
-    return np.array([table, *arm, *arm])
-
-
-def _shape_radius(shape: object) -> float:
-    if isinstance(shape, Box):
-        return 0.5 * float(np.linalg.norm(shape.size()))
-    if isinstance(shape, Cylinder):
-        return float(np.hypot(shape.radius(), 0.5 * shape.length()))
-    if isinstance(shape, Capsule):
-        return float(shape.radius() + 0.5 * shape.length())
-    if isinstance(shape, Sphere):
-        return float(shape.radius())
-    raise TypeError(f"no bound known for the shape {type(shape).__name__}")
+    robot = cell.robot
+    wanted = [name for pair in robot.adjacent for name in pair]
+    wanted += [
+        f"{arm.gripper}::{link}" for arm in robot.arms for link in (robot.palm, *robot.fingers)
+    ]
+    for name in wanted:
+        if name not in names:
+            raise InputError(
+                f"{cell.scenario.robot}: the cell's models have no link '{name}'; check `palm`, `fingers`, `adjacent`"
+            )

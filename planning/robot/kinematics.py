@@ -1,8 +1,8 @@
 """Forward and inverse kinematics of the two arms on the turn-table, batched in numpy.
 
-The MA1400's wrist is not spherical: 30 mm lie between its B and T axes, so the usual closed form for a spherical wrist does not
-hold. For a given angle of the last axis the wrist centre is known and the first three axes follow in closed form; what is left
-is one scalar equation in that angle, solved for every branch of every pose at once.
+The MA1400's wrist is not spherical: its B and T axes are 30 mm apart, so the closed form for a spherical wrist does not apply.
+For a given angle of the last axis the wrist centre is known and the first three axes follow in closed form. One scalar equation
+in that angle remains; it is solved for every branch of every pose at once.
 
 Notation: W world, B an arm's base (link_1), F its flange (tip_link), E the tool (ee), T the tool centre point (tcp).
 """
@@ -15,7 +15,7 @@ import numpy as np
 from unwrinkle.models.arrays import Array, Mask
 from unwrinkle.models.robot import Cell
 
-# The arm faces the wrist centre, or reaches over backwards.
+# Branches of the first three axes: the arm faces the wrist centre or reaches backwards; elbow up or down.
 _SHOULDER = np.array([1.0, 1.0, -1.0, -1.0])
 _ELBOW = np.array([1.0, -1.0, 1.0, -1.0])
 
@@ -25,9 +25,9 @@ class InverseSolution:
     """Branches of an inverse-kinematics batch.
 
     Attributes:
-        q: (N, 8, 6) axis angles, rad; meaningless where `found` is false.
-        found: (N, 8) the branch exists and its equation is solved.
-        within: (N, 8) found and inside the position limits.
+        q: (N, 8, 6) axis angles, rad; undefined where `found` is false.
+        found: (N, 8) whether the branch exists and its equation is solved.
+        within: (N, 8) whether it is found and inside the position limits.
     """
 
     q: Array
@@ -36,10 +36,10 @@ class InverseSolution:
 
 
 class Kinematics:
-    """Both arms' kinematics from the numbers of a cell."""
+    """Kinematics of both arms, from the numbers of a cell."""
 
     def __init__(self, cell: Cell) -> None:
-        """Take lengths, angles and position limits from the cell."""
+        """Use the lengths, angles and position limits of a cell."""
         robot = cell.robot
         rows = robot.denavit_hartenberg
         self._alpha = np.array([row.alpha for row in rows])
@@ -49,8 +49,8 @@ class Kinematics:
         self._forearm = float(np.hypot(self._a[2], self._d[3]))
         self._forearm_angle = float(np.arctan2(self._d[3], self._a[2]))
         self._robot = robot
-        self.lower = cell.limits.lower[1:7]
-        self.upper = cell.limits.upper[1:7]
+        self.lower = cell.limits.lower[robot.arms[0].axes]
+        self.upper = cell.limits.upper[robot.arms[0].axes]
         X_FE = np.eye(4)
         c, s = np.cos(robot.tool_yaw), np.sin(robot.tool_yaw)
         X_FE[:2, :2] = [[c, -s], [s, c]]
@@ -64,7 +64,7 @@ class Kinematics:
     # ------------------------------------------------------------------ forward
 
     def flange(self, q: Array) -> Array:
-        """X_BF (..., 4, 4) of axis angles (..., 6) in rad."""
+        """Compute X_BF (..., 4, 4) from axis angles (..., 6), rad."""
         q = np.asarray(q, dtype=float)
         X = np.zeros((*q.shape[:-1], 4, 4))
         X[..., [0, 1, 2, 3], [0, 1, 2, 3]] = 1.0
@@ -83,7 +83,7 @@ class Kinematics:
         return X
 
     def base(self, arm: int, turntable: Array | float) -> Array:
-        """X_WB (..., 4, 4) of arm 0 (right, r1) or 1 (left, r2) at turn-table angles (...) in rad."""
+        """Compute X_WB (..., 4, 4) of arm 0 (right) or 1 (left) at turn-table angles (...), rad."""
         turntable = np.asarray(turntable, dtype=float)
         sign = -1.0 if arm == 0 else 1.0
         yaw = turntable + self._robot.turntable_yaw
@@ -99,27 +99,38 @@ class Kinematics:
         return X
 
     def tool(self, arm: int, turntable: Array | float, q: Array) -> Array:
-        """X_WE (..., 4, 4), the pose of `ee`."""
+        """Compute X_WE (..., 4, 4), the pose of `ee`."""
         return self.base(arm, turntable) @ self.flange(q) @ self._X_FE
 
     def tcp(self, arm: int, turntable: Array | float, q: Array) -> Array:
-        """X_WT (..., 4, 4), the pose of `tcp`: the outer edge of the lower blade's tip."""
+        """Compute X_WT (..., 4, 4), the pose of `tcp`: the outer edge of the lower blade's tip."""
         return self.base(arm, turntable) @ self.flange(q) @ self._X_FT
 
     def tcp_positions(self, q: Array) -> Array:
-        """p_WT (..., 2, 3) of both arms, m, at thirteen-axis configurations (..., 13)."""
+        """Return p_WT (..., 2, 3) of both arms, m, at configurations (..., axes) of the robot, rad."""
         q = np.asarray(q)
-        right = self.tcp(0, q[..., 0], q[..., 1:7])[..., :3, 3]
-        left = self.tcp(1, q[..., 0], q[..., 7:13])[..., :3, 3]
-        return np.stack([right, left], axis=-2)
+        turntable = q[..., self._robot.turntable_axis]
+        tips = [
+            self.tcp(i, turntable, q[..., arm.axes])[..., :3, 3]
+            for i, arm in enumerate(self._robot.arms)
+        ]
+        return np.stack(tips, axis=-2)
+
+    def configurations(self, turntable: float, right: Array, left: Array) -> Array:
+        """Join the axis angles (N, 6) of both arms and the turn-table's angle to configurations (N, axes), rad."""
+        q = np.empty((len(right), len(self._robot.axes)))
+        q[:, self._robot.turntable_axis] = turntable
+        for arm, angles in zip(self._robot.arms, (right, left), strict=True):
+            q[:, arm.axes] = angles
+        return q
 
     # ------------------------------------------------------------------ reach
 
     def missing_reach(self, arm: int, turntable: Array | float, X_WT: Array) -> Array:
-        """How far each pose lies beyond the arm's reach, m; positive means no solution exists whatever the limits.
+        """Bound from below how far each pose lies beyond the arm's reach, m; if positive, there is no solution for any limits.
 
-        The distance from the L axis to the wrist may not exceed upper arm plus forearm; the 30 mm between the B and T axes
-        are given to the pose's favour, so the result is a lower bound of what is missing.
+        The distance from the L axis to the wrist cannot exceed upper arm plus forearm; the 30 mm between the B and T axes
+        are added to the reach, which makes the result a lower bound.
 
         Args:
             arm: 0 right, 1 left.
@@ -143,18 +154,18 @@ class Kinematics:
         iterations: int = 6,
         tolerance: float = 1e-9,
     ) -> InverseSolution:
-        """All branches (shoulder x elbow x two wrist roots) for poses of the tool centre point.
+        """Compute all branches (shoulder x elbow x two wrist roots) for poses of the tool centre point.
 
         Args:
             arm: 0 right, 1 left.
             turntable: angle, or (N,) angles, rad.
             X_WT: (N, 4, 4) poses.
-            iterations: at most this many secant steps for the angle of the last axis.
-            tolerance: residual of its equation (a cosine) that counts as solved.
+            iterations: limit of secant steps for the angle of the last axis.
+            tolerance: residual of its equation (a cosine) at which it counts as solved.
 
         Returns:
-            The branches; the representative of each angle is the one nearest the middle of its range. Of uniformly random
-            configurations about 95 % are recovered; roots that do not continue the spherical wrist's are missed.
+            The branches; each angle is shifted by full turns to be nearest to the middle of its range. Of uniformly random
+            configurations about 95 % are recovered; roots that do not continue those of a spherical wrist are missed.
         """
         X_BF = _inverse(self.base(arm, turntable)) @ X_WT @ self._X_TF
         R = X_BF[:, :3, :3]
@@ -200,7 +211,7 @@ class Kinematics:
         return InverseSolution(q, found, within)
 
     def _first_three(self, p_BC: Array) -> tuple[Array, Array, Array, Mask]:
-        """Angles (with offsets) of the first three axes for wrist centres (..., 8 or 4, 3), and whether in reach."""
+        """Compute the first three axis angles (with offsets), rad, for wrist centres (..., 8 or 4, 3), and whether they are in reach."""
         n = p_BC.shape[-2] // 4
         shoulder, elbow = np.tile(_SHOULDER, n), np.tile(_ELBOW, n)
         t1 = np.arctan2(p_BC[..., 1], p_BC[..., 0]) + np.where(shoulder > 0, 0.0, np.pi)

@@ -10,7 +10,7 @@ from unwrinkle.models.scenario import Smoothing
 from unwrinkle.planning.plan import GripperEvent, PoseMark, Segment
 from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.search.key_poses import PIECES, POSES
-from unwrinkle.planning.search.motion_search import Motion
+from unwrinkle.planning.search.motion_search import SevenPoseMotion as Motion
 from unwrinkle.planning.search.settings import PlannerSettings
 from unwrinkle.planning.search.transit import Transit
 from unwrinkle.planning.sent_samples import MILLISECONDS, whole_millisecond, whole_milliseconds

@@ -1,23 +1,23 @@
-"""Why there is no plan: the cause, in words and numbers."""
+"""Causes of a failed planning, with their figures and what to try."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from unwrinkle.models.robot import Cell
+from unwrinkle.models.robot import Cell, scoped
 from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.planning.search.hand_paths import SearchLog
 
 
 @dataclass(frozen=True)
 class PlanFailure:
-    """The cause of a failure.
+    """The cause of a failed planning.
 
     Attributes:
         cause: off-table, far-reach, near-limit, arm-arm, collision, transit, verification, start, or time.
-        message: one sentence with the figures and what would mend it.
-        missing: metres beyond the reach, where the cause is far-reach; beyond the edge, where it is off-table.
+        message: one sentence with the figures and what to try.
+        missing: distance beyond the reach (far-reach) or beyond the table's edge (off-table), m; else None.
     """
 
     cause: str
@@ -26,7 +26,7 @@ class PlanFailure:
 
 
 def off_table(target: FlatteningTarget, cell: Cell) -> PlanFailure | None:
-    """Why a target cannot be served because a hand would grasp or put down beside the working table; None if it can."""
+    """Return a failure if a hand would grasp or put down beside the working table, else None."""
     for hand in target.hands:
         put = hand.p_WG[:2] + hand.pull_distance * hand.pull_direction
         for what, place in (("grasp point", hand.p_WG[:2]), ("put-down point", put)):
@@ -42,25 +42,26 @@ def off_table(target: FlatteningTarget, cell: Cell) -> PlanFailure | None:
     return None
 
 
-def explain(kind: str, log: SearchLog, target: FlatteningTarget) -> PlanFailure:
-    """Turn a search's log into a cause.
+def explain(kind: str, log: SearchLog, target: FlatteningTarget, cell: Cell) -> PlanFailure:
+    """Derive the cause of a failed search from its log.
 
     Args:
         kind: `dual` or `single`.
-        log: what the search met.
-        target: what it searched for.
+        log: of the search.
+        target: of the search.
+        cell: names the arms and the garment's usual place.
     """
     head = f"no {kind}-arm motion{' in the time allowed' if log.out_of_time else ''}: "
     if log.refused:
         return PlanFailure(
             "transit",
-            f"{head}for none of {log.refused} free motions was there a free way from the start and back "
-            "home; clear the surroundings of the table or allow a longer transit budget",
+            f"{head}none of {log.refused} free motions has a free transit from the start and back home; "
+            "clear the surroundings of the table or allow a longer transit budget",
         )
     hand = log.missing_hand
     if hand is not None and math.isfinite(log.missing):
         x, y = target.hands[hand.side].p_WG[:2]
-        arm = ("right", "left")[hand.arm]
+        arm = cell.robot.arms[hand.arm].name
         return PlanFailure(
             "far-reach",
             f"{head}the {arm} arm lacks {1e3 * log.missing:.0f} mm of reach to the grasp point "
@@ -71,11 +72,13 @@ def explain(kind: str, log: SearchLog, target: FlatteningTarget) -> PlanFailure:
     if log.in_collision:
         (pair, _), *_ = log.colliding.most_common(1) or [(("", ""), 0)]
         names = f" (mostly {pair[0]} and {pair[1]} come too close)" if pair[0] else ""
-        both_arms = {pair[0][:2], pair[1][:2]} == {"r1", "r2"}
+        sides = {cell.robot.arm_of(scoped(name)[0]) for name in pair}
+        both_arms = len(sides) == 2 and None not in sides
+        x, y = cell.scenario.garment_centre
         return PlanFailure(
             "arm-arm" if both_arms else "collision",
             f"{head}{log.in_collision} motions within reach all collide{names}; "
-            "move the garment nearer to (0, -1.10) or clear the surroundings",
+            f"move the garment nearer to ({x:.2f}, {y:.2f}) m or clear the surroundings",
         )
     if log.limit_axes:
         axes = ", ".join(sorted(log.limit_axes, key=lambda a: -log.limit_axes[a]))
@@ -86,11 +89,13 @@ def explain(kind: str, log: SearchLog, target: FlatteningTarget) -> PlanFailure:
         )
     if log.out_of_time:
         return PlanFailure("time", head + "the search was not finished; raise its time budget")
-    return PlanFailure("near-limit", head + "no branch follows the whole path; move the garment")
+    return PlanFailure(
+        "near-limit", head + "no posture follows the whole path without a jump; move the garment"
+    )
 
 
 def _mend(missing: float, y: float) -> str:
-    """What would give back the missing reach: 15 degrees of tilt or of turn-table buy about 0.10 m each."""
+    """Advise how to regain a missing reach, m: 15 degrees of tilt or of turn-table are worth about 0.10 m each."""
     if missing < 0.10:
         return "a steeper tilt window (75 deg), or the garment 0.1 m nearer, would do"
     return f"move the garment about {missing:.2f} m nearer to the robot (it is at y = {y:.2f})"

@@ -1,4 +1,4 @@
-"""What one hand can do: candidates within reach, key poses with a solution, and whole paths of the arm."""
+"""Candidates of one hand: those within reach, those whose key poses have a solution, and the arm's paths along them."""
 
 import itertools
 from collections import Counter
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.arrays import Array
+from unwrinkle.models.limits import ARM_AXES
 from unwrinkle.perception.target import FlatteningTarget, HandTarget
 from unwrinkle.planning.robot.kinematics import InverseSolution, Kinematics
 from unwrinkle.planning.search.key_poses import (
@@ -21,15 +22,17 @@ from unwrinkle.planning.search.key_poses import (
 )
 from unwrinkle.planning.search.settings import Stage
 
-_JUMP = 0.35  # rad between neighbouring points of a path, beyond which a branch is not followed
-_BATCH = 48  # candidates whose key poses are solved in one call
-_TUBES = 2  # best branches that are kept
-_AXES = "SLURBT"
+#: Greatest change of an axis between neighbouring points of a path, rad; beyond it a branch ends.
+_JUMP = 0.35
+#: Candidates whose key poses are solved in one call.
+_BATCH = 48
+#: Branches kept per candidate, the greatest distance from the limits first.
+_BRANCHES = 2
 
 
 @dataclass(frozen=True)
 class HandCandidate:
-    """One hand of the target served by one arm with one choice of the freedoms.
+    """One hand of the target, served by one arm with one choice of the freedoms.
 
     Attributes:
         side: index of the target's hand.
@@ -46,17 +49,17 @@ class HandCandidate:
 
 @dataclass
 class SearchLog:
-    """What a search met, for the reason when it fails.
+    """Counts of a search, from which a failure is explained.
 
     Attributes:
-        missing: m, least such excess of a hand none of whose candidates is within reach, in the last stage.
-        missing_hand: the candidate it belongs to.
-        limit_axes: how often each axis' position limit was in the way of an otherwise solved pose.
+        missing: least distance beyond the reach, m, of a hand that has no candidate within reach, in the last stage.
+        missing_hand: the candidate with that distance.
+        limit_axes: poses that only the position limit of an axis forbids, by axis.
         pairs: combinations whose paths were checked for collision.
-        in_collision: of these, how many collided.
-        colliding: how often which two bodies came too close at a pose.
-        refused: free motions that were not accepted, for want of a way to or from them.
-        out_of_time: whether the budget ran out.
+        in_collision: combinations that collide.
+        colliding: counts of pairs of bodies (scoped names) that are too close at a pose.
+        refused: free motions that were not accepted.
+        out_of_time: whether the budget was spent.
     """
 
     missing: float = np.inf
@@ -70,7 +73,7 @@ class SearchLog:
 
 
 class HandPaths:
-    """Solves candidates of one target in one stage, each at most once."""
+    """Solver of the candidates of one target in one stage; each is solved at most once."""
 
     def __init__(
         self,
@@ -80,7 +83,7 @@ class HandPaths:
         kinematics: Kinematics,
         log: SearchLog,
     ) -> None:
-        """Take the stage's freedoms; tilts outside the gripper's window (rad) are left out."""
+        """Use the stage's freedoms, without tilts outside the gripper's window, rad."""
         low, high = tilt_window
         self._tilts = [t for t in stage.tilts if low - 1e-9 <= t <= high + 1e-9]
         self._target, self._stage = target, stage
@@ -89,7 +92,7 @@ class HandPaths:
         self._tubes: dict[tuple[HandCandidate, tuple[int, ...]], list[list[Array]]] = {}
 
     def within_reach(self, side: int, arm: int) -> list[HandCandidate]:
-        """Candidates whose seven poses are no further away than the arm is long."""
+        """List the candidates whose seven poses lie within the arm's length."""
         hand = self._target.hands[side]
         turns = np.array(self._stage.turntable)
         freedoms = [
@@ -115,11 +118,11 @@ class HandPaths:
     def solvable(
         self, candidate: HandCandidate, following: Sequence[tuple[HandCandidate, ...]]
     ) -> bool:
-        """Whether all seven poses have a branch within the limits.
+        """Return whether all seven poses of a candidate have a branch within the limits.
 
         Args:
-            candidate: the hand.
-            following: combinations that the search will come to next; their hands are solved in the same batch.
+            candidate: the candidate.
+            following: combinations that the search visits next; their candidates are solved in the same batch.
         """
         if candidate not in self._solvable:
             batch: dict[HandCandidate, None] = {candidate: None}
@@ -143,7 +146,7 @@ class HandPaths:
         self._count_limits(solution)
 
     def _count_limits(self, solution: InverseSolution) -> None:
-        """For poses that only a limit forbids: the axis whose limit the least forbidden branch breaks most."""
+        """Count, for poses that only a limit forbids, the axis that exceeds its limit most in the nearest branch."""
         rows = solution.found.any(-1) & ~solution.within.any(-1)
         q, found = solution.q[rows], solution.found[rows]
         if len(q) == 0:
@@ -151,15 +154,15 @@ class HandPaths:
         excess = np.maximum(self._kinematics.lower - q, q - self._kinematics.upper)
         least = np.where(found, excess.max(-1), np.inf).argmin(-1)
         for axis in excess[np.arange(len(q)), least].argmax(-1):
-            name = _AXES[axis]
+            name = ARM_AXES[axis].upper()
             self._log.limit_axes[name] = self._log.limit_axes.get(name, 0) + 1
 
     def tubes(self, candidate: HandCandidate, counts: Sequence[int]) -> list[list[Array]]:
-        """The arm's paths along the three pieces, greatest distance from its limits first.
+        """Compute the arm's paths along the three pieces, greatest distance from its limits first.
 
         Args:
-            candidate: the hand.
-            counts: intervals of the three pieces.
+            candidate: the candidate.
+            counts: numbers of intervals of the three pieces.
 
         Returns:
             For each branch three arrays (count + 1, 6), rad.
@@ -174,10 +177,10 @@ class HandPaths:
             solution = self._kinematics.inverse(candidate.arm, candidate.turntable, X)
             lower, upper = self._kinematics.lower, self._kinematics.upper
             found = follow_branches(solution.q, solution.within, lower, upper)
-            # The last axis turns further than any path needs: its margin says nothing.
+            # The last axis has more range than any path needs, so its margin is ignored.
             margin = [np.minimum(q - lower, upper - q)[:, :5].min() for q in found]
             cuts = np.cumsum([len(part) for part in parts])[:-1]
-            best = np.argsort(np.minimum(margin, 0.5))[::-1][:_TUBES]
+            best = np.argsort(np.minimum(margin, 0.5))[::-1][:_BRANCHES]
             self._tubes[key] = [np.split(found[i], cuts) for i in best]
         return self._tubes[key]
 
@@ -187,16 +190,16 @@ class HandPaths:
 
 
 def follow_branches(q: Array, within: NDArray[np.bool_], lower: Array, upper: Array) -> list[Array]:
-    """Continuous sequences of branches along a path.
+    """Follow the branches of inverse kinematics along a path.
 
     Args:
         q: (N, 8, 6) branches of each point, rad.
-        within: (N, 8) usable.
-        lower: (6,) position limits, rad.
-        upper: (6,)
+        within: (N, 8) branches within the limits.
+        lower: (6,) lower position limits, rad.
+        upper: (6,) upper position limits, rad.
 
     Returns:
-        Sequences (N, 6) without a jump; the last axis may turn by full turns, so its representative is chosen to stay within.
+        Continuous sequences (N, 6), rad. The last axis may be shifted by a full turn to stay within its limits.
     """
     tubes: list[Array] = []
     for b in np.flatnonzero(within[0]):

@@ -1,7 +1,7 @@
-"""The seven poses of the flattening motion and the smooth Cartesian pieces between them.
+"""The seven poses of the flattening motion, and smooth Cartesian pieces between them.
 
-Plan, touch-table, grasp, pull, put-on-table, free-garment, leave-table (Sun et al. 2015, Fig. 5). The gripper closes at the third
-and opens at the fifth, which cuts the motion into three pieces: approach, pull, release.
+Plan, touch-table, grasp, pull, put-on-table, free-garment, leave-table (Sun et al. 2015, Fig. 5). The grippers close at the third
+and open at the fifth pose, which divides the motion into three pieces: approach, pull, release.
 """
 
 from collections.abc import Sequence
@@ -15,23 +15,20 @@ from unwrinkle.planning.search.settings import MotionShape
 
 POSES = ("plan", "touch-table", "grasp", "pull", "put-on-table", "free-garment", "leave-table")
 PIECES = (("approach", 0, 2), ("pull", 2, 4), ("release", 4, 6))
-#: Fraction of the pull at which the pull pose stands. The rest of it happens on the way down: a pull that is done while the cloth is
-#: still lifted lets it go slack again on the table.
-_PULL_FRACTION = 0.5
-#: A rounded corner passes the corner at this times its radius times the change of direction.
+#: Distance of a rounded path from its corner over the radius and the change of direction.
 _CUT_OFF = 0.15625
-#: Steps of the iteration that moves a corner out until its rounding meets the pose; each leaves about a fifth.
+#: Iterations that move a corner outwards until its rounding passes through the pose; each leaves about a fifth of the error.
 _MEET_STEPS = 5
 
 
 @dataclass(frozen=True)
 class Freedom:
-    """What the search chose for one hand. Angles in rad.
+    """Values of one hand's freedoms. Angles in rad.
 
     Attributes:
-        offset: the grasp direction turned by this about the vertical (Algorithm 1).
+        offset: turn of the grasp direction about the vertical (Algorithm 1).
         tilt: of the tool below the horizontal.
-        share: the hand's pull distance over the target's.
+        share: pull distance over the target's.
     """
 
     offset: float
@@ -40,7 +37,7 @@ class Freedom:
 
 
 def seven_positions(hand: HandTarget, freedom: Freedom, shape: MotionShape) -> Array:
-    """p_WT (7, 3) of the tool centre point at the seven poses, m."""
+    """Compute p_WT (7, 3) of the tool centre point at the seven poses, m."""
     u = approach_direction(hand, freedom.offset)
     f = np.append(hand.pull_direction, 0.0)
     u = np.append(u, 0.0)
@@ -53,7 +50,7 @@ def seven_positions(hand: HandTarget, freedom: Freedom, shape: MotionShape) -> A
             down - (shape.touch_distance + shape.back_off) * u + up,
             down - shape.touch_distance * u,
             down,
-            down + _PULL_FRACTION * pull * f + [0.0, 0.0, shape.lift],
+            down + shape.pull_fraction * pull * f + [0.0, 0.0, shape.lift],
             put,
             put - shape.free_distance * u,
             put - shape.leave_distance * u + up,
@@ -62,14 +59,14 @@ def seven_positions(hand: HandTarget, freedom: Freedom, shape: MotionShape) -> A
 
 
 def approach_direction(hand: HandTarget, offset: float) -> Array:
-    """Unit direction (2,) of the grasp, turned by an offset in rad."""
+    """Return the unit direction (2,) of the grasp, turned by an offset, rad."""
     c, s = np.cos(offset), np.sin(offset)
     x, y = hand.grasp_direction
     return np.array([c * x - s * y, s * x + c * y])
 
 
 def tool_rotation(direction: Array, tilt: Array | float) -> Array:
-    """R_WT (..., 3, 3): z along the approach (tilted below the horizontal), y from the lower to the upper blade.
+    """Compute R_WT (..., 3, 3): z along the approach, tilted below the horizontal; y from the lower to the upper blade.
 
     Args:
         direction: (..., 2) unit horizontal approach directions.
@@ -83,7 +80,7 @@ def tool_rotation(direction: Array, tilt: Array | float) -> Array:
 
 
 def tool_poses(positions: Array, rotation: Array) -> Array:
-    """X_WT (..., 4, 4) from positions (..., 3) and a rotation (3, 3)."""
+    """Join positions (..., 3), m, and a rotation (3, 3) to X_WT (..., 4, 4)."""
     X = np.zeros((*positions.shape[:-1], 4, 4))
     X[..., :3, :3] = rotation
     X[..., :3, 3] = positions
@@ -92,7 +89,7 @@ def tool_poses(positions: Array, rotation: Array) -> Array:
 
 
 def piece_counts(positions: Sequence[Array], step: float) -> list[int]:
-    """Numbers of intervals for the three pieces, so that no hand moves by more than about a step, m, in one."""
+    """Choose the numbers of intervals of the three pieces so that no hand moves further than about a step, m, in one."""
     counts = []
     for _, first, last in PIECES:
         longest = 0.0
@@ -104,16 +101,16 @@ def piece_counts(positions: Sequence[Array], step: float) -> list[int]:
 
 
 def piece(positions: Array, radius: float, count: int, *, meet: bool = False) -> Array:
-    """A piece through three poses with its corner rounded, p_WT (count + 1, 3).
+    """Compute a piece through three positions with a rounded corner, p_WT (count + 1, 3), m.
 
-    Along the arc length the direction turns from the first leg's to the second's over a blend of the given radius, by a quintic
-    that is smooth to the second derivative; the path is its integral, so it is smooth to the third.
+    Along the arc length the direction changes from the first leg's to the second's over a blend of the given radius, by a quintic
+    with continuous second derivative; the path is its integral and has a continuous third derivative.
 
     Args:
         positions: (3, 3) start, corner, end.
         radius: m; at most 0.9 of the shorter leg is used.
-        count: intervals, equal in arc length.
-        meet: the rounded path goes through the middle pose; else it passes it on the inside.
+        count: number of intervals, equal in arc length.
+        meet: pass through the middle position; else pass it on the inside of the corner.
     """
     start, corner, end = positions
     if meet:
@@ -134,7 +131,7 @@ def piece(positions: Array, radius: float, count: int, *, meet: bool = False) ->
 def _legs(
     start: Array, corner: Array, end: Array, radius: float
 ) -> tuple[Array, Array, Array, float]:
-    """Directions and lengths of the two legs, and the blend's radius; 0 where a leg has no length."""
+    """Return directions and lengths of the two legs, and the blend's radius, m; 0 if a leg has no length."""
     legs = corner - start, end - corner
     lengths = np.array([np.linalg.norm(leg) for leg in legs])
     if lengths.min() < 1e-9:
@@ -143,11 +140,11 @@ def _legs(
 
 
 def pieces(positions: Array, radius: float, counts: list[int]) -> list[Array]:
-    """The three pieces of a hand, each (count + 1, 3), never below the lowest of the seven poses."""
+    """Compute the three pieces of a hand, each (count + 1, 3), m, never below the lowest of the seven positions."""
     floor = positions[:, 2].min()
     out = []
     for (name, first, last), count in zip(PIECES, counts, strict=True):
-        # Down at the table the inside of the corner is above it; up at the pull pose it would cost lift.
+        # At the table the inside of the corner lies above it; at the pull pose it would reduce the lift.
         p = piece(positions[first : last + 1], radius, count, meet=name == "pull")
         p[:, 2] = np.maximum(p[:, 2], floor)
         out.append(p)

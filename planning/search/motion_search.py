@@ -1,8 +1,8 @@
-"""Search for a dual-arm flattening motion: turn-table, tilts, offsets and hands, best first (Algorithm 1, corrected).
+"""Best-first search for a dual-arm flattening motion over turn-table, tilts, offsets and assignment of hands.
 
-Differences from the paper's Algorithm 1: both signs of the offsets, their sum as the cost instead of their product, best
-first with early exit instead of the full grid, further freedoms (turn-table, tilt per hand, hand assignment, shorter strokes,
-unequal shares), and an explicit answer when there is nothing.
+Based on Algorithm 1 of Sun et al. 2015, with these differences: both signs of the offsets; the sum of the offsets as the cost
+instead of their product; best first with early exit instead of the full grid; further freedoms (turn-table, tilt per hand,
+assignment of hands, shorter strokes, unequal shares); a log that explains a failure.
 """
 
 import itertools
@@ -23,20 +23,22 @@ from unwrinkle.planning.search.settings import MotionShape, PlannerSettings, Sta
 
 Hands = tuple[HandCandidate | None, HandCandidate | None]
 
-_STRAIGHT = 1e-3  # x of a pull direction that counts as straight ahead
-_LOOK_AHEAD = 400  # combinations whose hands may be solved in one batch
+#: A pull direction counts as straight ahead if its x is no greater than this.
+_STRAIGHT = 1e-3
+#: Combinations whose hands may be solved in one batch.
+_LOOK_AHEAD = 400
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class SevenPoseMotion:
     """A collision-free motion through the seven poses.
 
     Attributes:
-        paths: three pieces (approach, pull, release), each (N, 13) configurations in rad.
+        paths: three pieces (approach, pull, release), each (N, axes) configurations in rad.
         corner_index: for each piece, the index of the configuration nearest to its middle pose.
-        hands: for arm 0 and arm 1, what it does; None for an arm that stays at home.
+        hands: candidate served by the right and the left arm; None for an arm that stays at home.
         shape: distances of the seven poses.
-        cost: of the choice, see `CostWeights`.
+        cost: of the freedoms, see `CostWeights`.
     """
 
     paths: tuple[Array, ...]
@@ -46,12 +48,12 @@ class Motion:
     cost: float
 
 
-def _any_motion(motion: Motion) -> bool:
+def _any_motion(motion: SevenPoseMotion) -> bool:
     return True
 
 
 class MotionSearch:
-    """Searches motions for targets in one cell."""
+    """Search for motions of targets in one cell."""
 
     def __init__(
         self,
@@ -71,26 +73,37 @@ class MotionSearch:
         self._settings, self._kinematics, self._collision = settings, kinematics, contact
         gripper = cell.scenario.gripper
         self._window = (gripper.tilt_lower, gripper.tilt_upper)
+        self._arms = cell.robot.arms
         self._home = np.array(cell.robot.named_states["home"], dtype=float)
 
     def dual(
-        self, target: FlatteningTarget, accept: Callable[[Motion], bool] = _any_motion
-    ) -> tuple[Motion | None, SearchLog]:
-        """The cheapest free dual-arm motion found that is accepted, or None with the log of what was met.
+        self, target: FlatteningTarget, accept: Callable[[SevenPoseMotion], bool] = _any_motion
+    ) -> tuple[SevenPoseMotion | None, SearchLog]:
+        """Find the cheapest collision-free dual-arm motion that is accepted.
 
         Args:
-            target: what to flatten.
-            accept: asked of each free motion in turn, whether it will do (whether there is a way to it, say).
+            target: grasp points, directions and pull distances.
+            accept: called with each free motion in order of cost until it returns true (there are transits to it, for example).
+
+        Returns:
+            The motion, or None, and the log of the search.
         """
         return self._search(target, self._pairs, accept)
 
     def single(
-        self, target: FlatteningTarget, accept: Callable[[Motion], bool] = _any_motion
-    ) -> tuple[Motion | None, SearchLog]:
-        """The same for one arm on one side of the target, the other arm at home.
+        self, target: FlatteningTarget, accept: Callable[[SevenPoseMotion], bool] = _any_motion
+    ) -> tuple[SevenPoseMotion | None, SearchLog]:
+        """Find the cheapest motion of one arm on one side of the target, with the other arm at home.
 
-        The arm is the one that the flattening direction suggests (see `suggested_arm`); only where it has no motion on either
-        side, the other one is tried. Of the sides the cheaper one is taken, of equally cheap ones hand 0.
+        The arm is the one that the flattening direction suggests (see `suggested_arm`); the other arm is tried only if that one
+        has no motion on either side. Of the two sides the cheaper one is taken; of equally cheap ones, hand 0.
+
+        Args:
+            target: see `dual`.
+            accept: see `dual`.
+
+        Returns:
+            See `dual`.
         """
         motion, log = self._search(target, self._suggested, accept)
         if motion is None and not log.out_of_time:
@@ -103,8 +116,8 @@ class MotionSearch:
         self,
         target: FlatteningTarget,
         combine: Callable[[FlatteningTarget, Stage, HandPaths], list[tuple[float, Hands]]],
-        accept: Callable[[Motion], bool],
-    ) -> tuple[Motion | None, SearchLog]:
+        accept: Callable[[SevenPoseMotion], bool],
+    ) -> tuple[SevenPoseMotion | None, SearchLog]:
         log, deadline = SearchLog(), time.perf_counter() + self._settings.budget
         for stage in self._settings.stages:
             log.missing, log.missing_hand = np.inf, None
@@ -132,8 +145,8 @@ class MotionSearch:
         hands: Hands,
         cost: float,
         log: SearchLog,
-    ) -> Motion | None:
-        """The first combination of the hands' branches that collides with nothing."""
+    ) -> SevenPoseMotion | None:
+        """Return the first collision-free combination of the hands' branches, or None."""
         serving = [c for c in hands if c is not None]
         positions = [seven_positions(target.hands[c.side], c.freedom, stage.shape) for c in serving]
         counts = piece_counts(positions, self._settings.path_step)
@@ -142,16 +155,16 @@ class MotionSearch:
         for right, left in itertools.product(*tubes):
             log.pairs += 1
             joined = [
-                np.column_stack([np.full(len(a), serving[0].turntable), a, b])
+                self._kinematics.configurations(serving[0].turntable, a, b)
                 for a, b in zip(right, left, strict=True)
             ]
             if self._free(joined, log):
                 corners = _corner_indices(positions[0], joined)
-                return Motion(tuple(joined), corners, hands, stage.shape, cost)
+                return SevenPoseMotion(tuple(joined), corners, hands, stage.shape, cost)
         return None
 
     def _resting(self, arm: int, counts: list[int]) -> list[Array]:
-        q = self._home[1 + 6 * arm : 7 + 6 * arm]
+        q = self._home[self._arms[arm].axes]
         return [np.repeat(q[None], count + 1, axis=0) for count in counts]
 
     def _free(self, paths: list[Array], log: SearchLog) -> bool:
@@ -173,7 +186,7 @@ class MotionSearch:
     ) -> list[tuple[float, Hands]]:
         natural = natural_assignment(target)
         pairs: list[tuple[float, Hands]] = []
-        for side in (0, 1):  # the one that arm 0 serves
+        for side in (0, 1):  # hand of the target that the right arm serves
             swapped = natural[side] != 0
             if swapped and not stage.swap:
                 continue
@@ -224,11 +237,13 @@ class MotionSearch:
 
 
 def suggested_arm(hand: HandTarget) -> int:
-    """The arm that a hand's flattening direction suggests: the one on the side that it pulls to.
+    """Choose the arm on the side to which a hand pulls.
 
-    0, the right arm, where the pull goes towards lesser world x, 1 where towards greater. Ties, which are pulls straight
-    away from the robot or towards it (within a milliradian), go to the arm on whose side the grasp point lies, and on the
-    middle line to the right arm.
+    A pull away from the robot or towards it (|x| of the direction at most 1e-3) is a tie: the side of the grasp point decides,
+    and on the middle line the right arm is chosen.
+
+    Returns:
+        0, the right arm, for a pull towards lesser world x; 1, the left arm, for one towards greater x.
     """
     towards = float(hand.pull_direction[0])
     if abs(towards) <= _STRAIGHT:
@@ -237,13 +252,13 @@ def suggested_arm(hand: HandTarget) -> int:
 
 
 def natural_assignment(target: FlatteningTarget) -> tuple[int, int]:
-    """Which arm serves hand 0 and hand 1: the right arm the one further to the right (lesser world x)."""
+    """Assign an arm to hand 0 and hand 1: the right arm serves the hand further to the right (lesser world x)."""
     x = [hand.p_WG[0] for hand in target.hands]
     return (0, 1) if x[0] <= x[1] else (1, 0)
 
 
 def _corner_indices(positions: Array, paths: list[Array]) -> tuple[int, ...]:
-    """Where each piece passes its middle pose, from the lengths of its two legs."""
+    """Return the index at which each piece passes its middle pose, from the lengths of its two legs."""
     indices = []
     for (_, first, last), path in zip(PIECES, paths, strict=True):
         legs = np.linalg.norm(np.diff(positions[first : last + 1], axis=0), axis=1)

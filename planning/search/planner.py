@@ -21,7 +21,8 @@ from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.search.assembly import MotionTiming
 from unwrinkle.planning.search.failure import PlanFailure, explain, off_table
 from unwrinkle.planning.search.hand_paths import HandCandidate
-from unwrinkle.planning.search.motion_search import Motion, MotionSearch
+from unwrinkle.planning.search.motion_search import MotionSearch
+from unwrinkle.planning.search.motion_search import SevenPoseMotion as Motion
 from unwrinkle.planning.search.settings import PlannerSettings, with_turntable_at
 from unwrinkle.planning.search.transit import Transit, TransitPlanner
 from unwrinkle.planning.timing.joint_path import TimedPath
@@ -85,11 +86,12 @@ class FlatteningPlanner:
         self._free = CollisionModel(cell, contact=False)
         self._fixed = cell.scenario.planner.turntable == "fixed"
         self._transits = TransitPlanner(
-            cell.limits,
+            cell,
             self._free,
             self._settings.transit_budget,
             self._settings.seed,
             fixed_turntable=self._fixed,
+            settings=self._settings.transit,
         )
         self._home = np.array(cell.robot.named_states["home"], dtype=float)
 
@@ -141,7 +143,7 @@ class FlatteningPlanner:
             timings.timing += attempt.times.timing
             timings.approval += attempt.times.approval
             if attempt.result is None:
-                failure = failure or attempt.failure(kind) or explain(kind, log, target)
+                failure = failure or attempt.failure(kind) or explain(kind, log, target, self._cell)
                 continue
             timings.transit_kinds = tuple(way.kind for way in attempt.result.transits)
             _log.info(

@@ -1,4 +1,4 @@
-"""Settings of the planner: the shape of the seven-pose motion, and the freedoms the search may use."""
+"""Settings of the planner: shape of the seven-pose motion, freedoms and costs of the search, sampling of transits."""
 
 from dataclasses import dataclass, field, replace
 from math import radians
@@ -13,6 +13,8 @@ class MotionShape:
         back_off: from there further back to the plan pose.
         height: of the plan and leave poses above the table.
         lift: of the pull pose above the table.
+        pull_fraction: of the pull distance that is done when the pull pose is reached (no unit). The rest follows while the
+            hand is lowered: cloth that is pulled fully while lifted becomes slack again on the table.
         table_gap: between the lower blade's edge and the table when down.
         free_distance: from the put-down point back to where the blade is out of the cloth.
         leave_distance: from the put-down point back to the leave pose.
@@ -23,6 +25,7 @@ class MotionShape:
     back_off: float = 0.050
     height: float = 0.120
     lift: float = 0.015
+    pull_fraction: float = 0.5
     table_gap: float = 0.003
     free_distance: float = 0.050
     leave_distance: float = 0.080
@@ -42,7 +45,16 @@ SHORT_STROKE = MotionShape(
 
 @dataclass(frozen=True)
 class Stage:
-    """One round of the search: every combination of its freedoms, cheapest first. Angles in rad."""
+    """One round of the search: every combination of its freedoms, cheapest first. Angles in rad.
+
+    Attributes:
+        offsets: turns of the grasp direction about the vertical.
+        tilts: of the tool below the horizontal.
+        turntable: angles of the turn-table.
+        swap: whether each arm may also serve the hand on the other side.
+        shape: distances of the seven poses.
+        shares: pull distances of the target's two hands over their nominal ones.
+    """
 
     offsets: tuple[float, ...] = (0.0,)
     tilts: tuple[float, ...] = (radians(45), radians(60), radians(30))
@@ -79,21 +91,67 @@ STAGES = (
 
 
 @dataclass(frozen=True)
+class CostWeights:
+    """Cost of a candidate per unit of each freedom: the offsets dominate, the rest are preferences.
+
+    Algorithm 1 of the paper multiplies the two arms' offsets, so that one arm's offset costs nothing where the other's is zero;
+    here they are summed.
+
+    Attributes:
+        offset: per rad of the grasp direction's turn, each hand.
+        turntable: per rad of the turn-table's angle.
+        tilt: per rad of the tilt's difference from `preferred_tilt`, each hand.
+        preferred_tilt: of the tool below the horizontal, rad; the middle of the default gripper's window.
+        swap: for arms that serve the hand on the other side.
+        share: per unit by which a hand's share of the pull differs from 1, half for each hand.
+    """
+
+    offset: float = 1.0 / radians(15)
+    turntable: float = 0.02 / radians(15)
+    tilt: float = 0.01 / radians(15)
+    preferred_tilt: float = radians(52.5)
+    swap: float = 0.05
+    share: float = 0.5
+
+
+@dataclass(frozen=True)
+class TransitSettings:
+    """How transits are sampled where no straight joint line is free.
+
+    Attributes:
+        leans: angles added to the second axis (L) of both arms half way, rad; negative leans the upper arms back, away from
+            the table. Tried in this order.
+        step: growth of a tree at a time, m: joint motion weighted by half the reach of each axis.
+        turntable_spread: standard deviation of the samples about the straight line, rad.
+        arm_spread: the same for the axes S, L, U, R, B, T of each arm; it grows from half to twice this with the samples.
+        shortcuts: attempts at shortening a path that was found.
+    """
+
+    leans: tuple[float, ...] = (-0.15, -0.3)
+    step: float = 1.2
+    turntable_spread: float = 0.15
+    arm_spread: tuple[float, ...] = (0.4, 0.4, 0.4, 0.5, 0.4, 0.4)
+    shortcuts: int = 30
+
+
+@dataclass(frozen=True)
 class PlannerSettings:
-    """What the planner may do and how long it may take.
+    """Freedoms and budgets of the planner.
 
     Attributes:
         stages: rounds of the search, in order.
-        budget: s, after which the search gives up and says so.
-        transit_budget: s, for one transit found by sampling.
-        path_step: m, distance of the points at which Cartesian pieces are solved.
+        budget: of one search, s; when it is spent the failure says so.
+        transit_budget: of one transit found by sampling, s.
+        path_step: distance of the points at which Cartesian pieces are solved, m.
         sample_time: s, period of the samples that a plan carries at catalogue speed; a slower plan has a longer one, see
             `sampling_period`.
         margin: fraction of velocity, acceleration and jerk limits that the timing leaves unused, for the controller's
             cubic interpolation between samples.
         seed: of the sampling transit planner.
-        refusals: so many plans of one kind (two arms, one arm) may be refused by whoever is asked, before it is given up.
-        longest: s, of one piece of a motion; a plan that takes longer is refused.
+        refusals: plans of one kind (two arms, one arm) that may be refused by `approve` before that kind is given up.
+        longest: duration of one piece of a motion above which a plan is refused, s.
+        weights: cost of the search's freedoms.
+        transit: how transits are sampled.
     """
 
     stages: tuple[Stage, ...] = STAGES
@@ -105,26 +163,11 @@ class PlannerSettings:
     seed: int = 0
     refusals: int = 8
     longest: float = 600.0
-    weights: "CostWeights" = field(default_factory=lambda: CostWeights())
-
-
-@dataclass(frozen=True)
-class CostWeights:
-    """Cost of a candidate per unit of each freedom: offsets weigh, the rest are preferences.
-
-    Algorithm 1 of the paper multiplies the two arms' offsets, which lets one arm's offset be free where the other's is zero;
-    here they are summed.
-    """
-
-    offset: float = 1.0 / radians(15)
-    turntable: float = 0.02 / radians(15)
-    tilt: float = 0.01 / radians(15)
-    preferred_tilt: float = radians(52.5)
-    swap: float = 0.05
-    share: float = 0.5
+    weights: CostWeights = field(default_factory=CostWeights)
+    transit: TransitSettings = field(default_factory=TransitSettings)
 
 
 def with_turntable_at(settings: PlannerSettings, angle: float) -> PlannerSettings:
-    """The settings with every stage's turn-table at one angle, rad."""
+    """Return the settings with the turn-table of every stage fixed at an angle, rad."""
     stages = tuple(replace(stage, turntable=(angle,)) for stage in settings.stages)
     return replace(settings, stages=stages)

@@ -1,4 +1,4 @@
-"""Transits: a straight joint line, then lines through a few via points, then a small RRT-Connect."""
+"""Transits between configurations: a straight joint line, else lines through a via point, else RRT-Connect."""
 
 import time
 from dataclasses import dataclass
@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from unwrinkle.models.arrays import Array
-from unwrinkle.models.limits import Limits
+from unwrinkle.models.robot import Cell
 from unwrinkle.planning.robot.collision import CollisionModel
+from unwrinkle.planning.search.settings import TransitSettings
 
-_STEP = 1.2  # reach-weighted joint distance that a tree grows by, m
-_SPREAD = np.array([0.15, *2 * [0.4, 0.4, 0.4, 0.5, 0.4, 0.4]])  # rad, about the straight line
-_SHORTCUTS = 30
+#: Index of the L axis (upper arm) in an arm's axes.
+_UPPER_ARM = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +19,7 @@ class Transit:
     """A free polyline between two configurations.
 
     Attributes:
-        points: (N, 13) corners, rad.
+        points: (N, axes) corners, rad.
         kind: line, via or rrt.
     """
 
@@ -28,30 +28,42 @@ class Transit:
 
 
 class TransitPlanner:
-    """Plans transits with the fingers kept off the table."""
+    """Plans transits in which the fingers keep their clearance from the table."""
 
     def __init__(
         self,
-        limits: Limits,
+        cell: Cell,
         collision: CollisionModel,
         budget: float,
         seed: int,
         *,
         fixed_turntable: bool = False,
+        settings: TransitSettings | None = None,
     ) -> None:
-        """Use the given limits and model; a sampling search may take `budget` seconds, from the given seed.
+        """Use the given model.
 
-        With a fixed turn-table no way turns it, given that start and goal have it at one angle.
+        Args:
+            cell: its limits bound the axes.
+            collision: clearances that transits keep.
+            budget: time that one RRT-Connect may take, s.
+            seed: of its samples.
+            fixed_turntable: never turn the turn-table, given that start and goal have it at one angle.
+            settings: of via points and samples; None for the defaults.
         """
-        self._limits, self._collision = limits, collision
+        self._limits, self._collision = cell.limits, collision
         self._budget, self._seed = budget, seed
+        self._settings = settings = TransitSettings() if settings is None else settings
         self._weights = 0.5 * collision.reach
-        self._spread = _SPREAD.copy()
-        if fixed_turntable:
-            self._spread[0] = 0.0
+        self._turntable = cell.robot.turntable_axis
+        self._upper_arms = [arm.axes[_UPPER_ARM] for arm in cell.robot.arms]
+        self._spread = np.zeros(len(cell.robot.axes))
+        if not fixed_turntable:
+            self._spread[self._turntable] = settings.turntable_spread
+        for arm in cell.robot.arms:
+            self._spread[arm.axes] = settings.arm_spread
 
     def plan(self, start: Array, goal: Array) -> Transit | None:
-        """A free way between two configurations (13,), or None."""
+        """Return a free transit between two configurations (axes,), rad; None if none was found in the budget."""
         if self._collision.edge_free(start, goal):
             return Transit(np.array([start, goal]), "line")
         for via in self._vias(start, goal):
@@ -61,16 +73,16 @@ class TransitPlanner:
         return None if points is None else Transit(np.array(points), "rrt")
 
     def _vias(self, start: Array, goal: Array) -> list[Array]:
-        """Half way with the upper arms leaned back, and either end with the arms or the turn-table of the other."""
+        """Return via points: the middle with the upper arms leaned back, and each end with the other's turn-table angle."""
         middle = 0.5 * (start + goal)
         vias = []
-        for lean in (-0.15, -0.3):
+        for lean in self._settings.leans:
             raised = middle.copy()
-            raised[[2, 8]] += lean
+            raised[self._upper_arms] += lean
             vias.append(raised)
         for a, b in ((start, goal), (goal, start)):
             turned = a.copy()
-            turned[0] = b[0]
+            turned[self._turntable] = b[self._turntable]
             vias.append(turned)
         low, high = self._limits.lower, self._limits.upper
         return [via for via in vias if np.all(via >= low) and np.all(via <= high)]
@@ -100,7 +112,8 @@ class TransitPlanner:
         distances = np.abs(np.array(tree.points) - towards) @ self._weights
         i = int(distances.argmin())
         a, distance = tree.points[i], distances[i]
-        b = towards if distance <= _STEP else a + (towards - a) * (_STEP / distance)
+        step = self._settings.step
+        b = towards if distance <= step else a + (towards - a) * (step / distance)
         if not self._collision.edge_free(a, b):
             return None
         tree.points.append(b)
@@ -108,7 +121,7 @@ class TransitPlanner:
         return b
 
     def _shortcut(self, path: list[Array], rng: np.random.Generator) -> list[Array]:
-        for _ in range(_SHORTCUTS):
+        for _ in range(self._settings.shortcuts):
             if len(path) < 3:
                 break
             i = int(rng.integers(0, len(path) - 2))
@@ -119,13 +132,13 @@ class TransitPlanner:
 
 
 class _Tree:
-    """Configurations with the index of the one each was reached from."""
+    """Search tree: configurations, each with the index of its parent."""
 
     def __init__(self, root: Array) -> None:
         self.points, self.parents = [root], [-1]
 
     def trace(self) -> list[Array]:
-        """From the newest configuration back to the root."""
+        """Return the configurations from the newest back to the root."""
         out, i = [], len(self.points) - 1
         while i >= 0:
             out.append(self.points[i])

@@ -1,10 +1,10 @@
-"""Clearances between bodies, on samples and proven between them.
+"""Clearances between bodies, at the samples and between them.
 
-Every pair of bodies has a clock S(t) that runs as fast as any point of one can move against the other (see
-`verification_bounds`). The distance of the pair cannot change faster than its clock. So if it is at least d0 at t0 and d1 at
-t1, it is nowhere in between less than (d0 + d1 - (S(t1) - S(t0))) / 2. Distances are bounded from below at a few samples first
-(see `verification_shapes`), and then wherever that does not prove what is required, halving the interval, down into the cubic
-between two samples if need be.
+For every pair of bodies a motion bound S(t) is accumulated: S(t1) - S(t0) is at least the relative displacement of any two of their
+points from t0 to t1 (see `speed_bounds`), so the distance of the pair changes by no more than that. If the distance is at least
+d0 at t0 and d1 at t1, it is at any time in between at least (d0 + d1 - (S(t1) - S(t0))) / 2. Distances are bounded from below
+at a few samples first (see `shapes`). An interval whose bound is below the required distance is halved, down into the cubic
+between two samples if necessary.
 """
 
 from collections.abc import Sequence
@@ -17,36 +17,47 @@ from unwrinkle.planning.verification.model import BodyPair, CellModel
 from unwrinkle.planning.verification.motion import Leg
 from unwrinkle.planning.verification.shapes import face_gaps, measure
 from unwrinkle.planning.verification.speed_bounds import distances_to_axes, speed_bounds
-from unwrinkle.planning.verification.verdict import MEANT, Findings, PairClearance
+from unwrinkle.planning.verification.verdict import NEAR_BY_DESIGN, Findings, PairClearance
 
-#: Shapes whose bound is greater at every time looked at are not measured exactly, m.
-MEASURED = 0.150
-#: No two neighbouring first times are further apart than this in any pair's relative motion, m.
+#: Shapes whose lower bound exceeds this are not measured, m.
+MEASURED_BELOW = 0.150
+#: Greatest relative displacement of any pair between two neighbouring first times, m.
 FIRST_STEP = 0.080
-#: Below the padding by no more than this between two samples, m; never below contact.
-DIP = 1e-3
+#: Shortfall of the required distance that is tolerated between two samples, m; contact never is.
+SHORTFALL_BETWEEN_SAMPLES = 1e-3
 #: Error of a measured distance, m.
-MEASUREMENT = 1e-5
-#: How deep a finger may seem to sink into the working table where it is meant to touch it, m.
+MEASUREMENT_ERROR = 1e-5
+#: Penetration of a finger into the working table that is tolerated in a contact window, m.
 CONTACT_DEPTH = 1e-4
-#: A pair within NEAR of its padding is looked at until the proven bound is no further below the distance found than 0.3 of it,
-#: but at least and at most by these, m.
-NEAR = 0.030
-RESOLUTION = (2e-3, 5e-3)
-#: Of two distances, what makes the smaller one worth measuring, m.
-WORTH = 1e-4
+#: A pair nearer than this to its required distance is refined until the lower bound and the smallest distance found differ by no
+#: more than REFINED_SHARE of that distance, limited to the interval REFINED, m.
+REFINED_WITHIN = 0.030
+REFINED_SHARE = 0.3
+REFINED = (2e-3, 5e-3)
+#: A shape pair is measured only if its bound is below the smallest distance (or margin) found so far by more than this, m, or below
+#: what is required.
+LEAST_GAIN = 1e-4
 #: Intervals are not halved below this, s.
-SHORTEST = 2e-5
-#: Work for one motion: distances of shapes that are bounded, and of these that are measured. Plans of the benchmark take up to
-#: 340 000 and 540.
-MOST_BOUNDED, MOST_MEASURED = 3_000_000, 10_000
-#: Distances that are bounded at once; a matter of memory.
+SHORTEST_INTERVAL = 2e-5
+#: Limits of the work for one motion: distances of shapes that are bounded, and distances that are measured. Plans of the
+#: benchmark need up to 340 000 and 540.
+MOST_BOUNDED = 3_000_000
+MOST_MEASURED = 10_000
+#: Distances that are bounded in one call, which limits the memory.
 BLOCK = 200_000
 
 
 @dataclass(frozen=True, eq=False)
 class _Open:
-    """Intervals of time in which pairs of shapes are not yet proven to keep apart, (m,) each."""
+    """Intervals of time in which the bounds of pairs of shapes are still too low, (m,) each.
+
+    Attributes:
+        begin: s on the plan's clock.
+        end: s on the plan's clock.
+        d0: lower bound of the distance at `begin`, m.
+        d1: lower bound of the distance at `end`, m.
+        shapes: index of the pair of shapes.
+    """
 
     begin: Array
     end: Array
@@ -60,7 +71,7 @@ class _Open:
 
 
 class _TooMuchWork(Exception):
-    """The motion needs more work than is allowed; carries the time that was reached, s."""
+    """The work limit is exceeded at `time`, s on the plan's clock."""
 
     def __init__(self, time: float) -> None:
         super().__init__(time)
@@ -69,7 +80,7 @@ class _TooMuchWork(Exception):
 
 @dataclass(frozen=True, eq=False)
 class ClearanceReport:
-    """What was found; see `Verdict`."""
+    """Clearances of a motion; for the fields see `Verdict`."""
 
     clearances: tuple[PairClearance, ...]
     elsewhere: float
@@ -90,7 +101,7 @@ def check_clearances(
         legs: the motion.
         frames: per leg the (n, 15, 4, 4) poses of the joints' child frames at its samples.
         taking_part: which arms' fingers may touch the working table in the contact windows.
-        found: takes checks and violations; the proof is given up, and the motion refused, where it takes too much work.
+        found: receives checks and violations; a motion that exceeds the work limit is refused.
     """
     search = _Search(model, taking_part)
     try:
@@ -123,14 +134,14 @@ class _Search:
         self._margin_required = required.copy()
         self._bound = np.full(count, np.inf)
         self._broken: dict[int, str] = {}
-        self._unproven: dict[int, tuple[float, float]] = {}
-        # Along which each pair of shapes was last seen to be apart; a good guess for the next time.
+        self._unresolved: dict[int, tuple[float, float]] = {}
+        # Last separating direction of each pair of shapes: a good candidate at the next time.
         self._directions = np.zeros((len(self._pair_of), 3))
         self.queries = 0
         self._bounded = self._measured = 0
 
     def run(self, leg: Leg, X_WJ: Array) -> None:
-        """Look at one leg."""
+        """Bound all distances over one leg."""
         self._leg, self._X_WJ = leg, X_WJ
         self._speed = _pair_speeds(self._model, leg, X_WJ)
         clock = np.cumsum(self._speed * leg.step, axis=0)
@@ -163,7 +174,7 @@ class _Search:
             raise _TooMuchWork(time)
 
     def _first_times(self) -> Array:
-        """Samples between which no pair moves far, and the ends of the contact window."""
+        """Choose samples between which no pair moves by more than FIRST_STEP, and the ends of the contact window."""
         leg = self._leg
         fastest = np.concatenate([[0.0], np.cumsum(self._speed.max(axis=1) * leg.step[:, 0])])
         count = min(int(np.ceil(fastest[-1] / FIRST_STEP)) + 1, len(leg.times))
@@ -179,24 +190,24 @@ class _Search:
         return (low - 1e-9 <= begin) & (end <= high + 1e-9)
 
     def _demands(self, begin: Array, end: Array, shapes: Indices) -> tuple[Array, Array]:
-        """Least distances of shape pairs in intervals: on samples, and between them."""
+        """Return the least allowed distances of shape pairs in intervals, m: at samples, and between samples."""
         required = self._required[shapes]
         touching = self._touching[shapes] & self._in_contact(begin, end)
-        on_samples = required - MEASUREMENT * (required > 0.0)
-        between = np.maximum(required - DIP, 0.0)
+        on_samples = required - MEASUREMENT_ERROR * (required > 0.0)
+        between = np.maximum(required - SHORTFALL_BETWEEN_SAMPLES, 0.0)
         return (
             np.where(touching, -CONTACT_DEPTH, on_samples),
             np.where(touching, -CONTACT_DEPTH, between),
         )
 
     def _distances(self, moments: Array, rows: Indices, shapes: Indices) -> Array:
-        """Lower bounds on the distances of shape pairs at moments[rows], (m,); measured where they decide."""
+        """Return lower bounds (m,) of the distances of shape pairs at moments[rows], m; measured where the bound is too low."""
         model = self._model
         axes, centres = model.outline_poses(self._frames_at(moments))
         first, second = model.first[shapes], model.second[shapes]
         p = centres[rows, second] - centres[rows, first]
         distances = np.sqrt(np.einsum("mi,mi->m", p, p)) - model.reach[shapes]
-        near = np.flatnonzero(distances < MEASURED)
+        near = np.flatnonzero(distances < MEASURED_BELOW)
         rows, shapes, first, second = (a[near] for a in (rows, shapes, first, second))
         p = p[near]
         R = axes[rows, first], axes[rows, second]
@@ -207,10 +218,12 @@ class _Search:
         padding = np.where(allowed < 0.0, 0.0, self._required[shapes])
         pairs = self._pair_of[shapes]
         query, at = None, -1
-        # Smallest first, since that spares the measuring of others.
-        for k in np.argsort(bound)[: int(np.sum(bound < MEASURED))]:
+        # Smallest first: later pairs then often need no measurement.
+        for k in np.argsort(bound)[: int(np.sum(bound < MEASURED_BELOW))]:
             i, d = int(pairs[k]), bound[k]
-            worth = d < self._nearest[i] - WORTH or d - padding[k] < self._margin[i] - WORTH
+            worth = (
+                d < self._nearest[i] - LEAST_GAIN or d - padding[k] < self._margin[i] - LEAST_GAIN
+            )
             if not worth and d >= allowed[k]:
                 continue
             time = float(times[k])
@@ -227,7 +240,7 @@ class _Search:
         return distances
 
     def _frames_at(self, moments: Array) -> Array:
-        """Poses of the joints' child frames at times, (m, 15, 4, 4); those at samples are known."""
+        """Return the poses (m, 15, 4, 4) of the joints' child frames at times; those at samples are stored."""
         leg = self._leg
         index = np.minimum(np.searchsorted(leg.times, moments), len(leg.times) - 1)
         X_WJ = self._X_WJ[index]
@@ -247,25 +260,25 @@ class _Search:
             self._broken[i] = _broken(self._model.pairs[i], d, padding, time)
 
     def _halve(self, work: _Open) -> _Open:
-        """Close what is proven, look at the middle of what is not."""
+        """Drop intervals whose bound is high enough, and bound the distances in the middle of the others."""
         pairs = self._pair_of[work.shapes]
         clock = self._clock_at(work.end, pairs) - self._clock_at(work.begin, pairs)
-        # Where they are but bounds, the distances at the ends may differ by more than the clock.
+        # d0 and d1 are lower bounds, so they may differ by more than the motion bound.
         bound = np.minimum(np.minimum(work.d0, work.d1), 0.5 * (work.d0 + work.d1 - clock))
         samples = self._leg.times
         first = np.searchsorted(samples, work.begin, side="right")
         last = np.searchsorted(samples, work.end)
         on_samples, between = self._demands(work.begin, work.end, work.shapes)
         nearest = self._nearest[pairs]
-        near = nearest < self._required[work.shapes] + NEAR
-        wanted = np.where(near, nearest - np.clip(0.3 * nearest, *RESOLUTION), -np.inf)
+        near = nearest < self._required[work.shapes] + REFINED_WITHIN
+        wanted = np.where(near, nearest - np.clip(REFINED_SHARE * nearest, *REFINED), -np.inf)
         open_ = bound < np.maximum(np.where(first < last, on_samples, between), wanted)
-        # What was seen to be broken needs no more looking.
+        # Pairs with a violation are not refined further.
         broken = np.zeros(len(self._nearest), dtype=bool)
         broken[list(self._broken)] = True
-        short = work.end - work.begin < SHORTEST
+        short = work.end - work.begin < SHORTEST_INTERVAL
         for i in np.flatnonzero(open_ & short & (bound < between)):
-            self._unproven.setdefault(int(pairs[i]), (float(work.begin[i]), float(work.end[i])))
+            self._unresolved.setdefault(int(pairs[i]), (float(work.begin[i]), float(work.end[i])))
         open_ &= ~broken[pairs] & ~short
         np.minimum.at(self._bound, pairs[~open_], bound[~open_])
         if not np.any(open_):
@@ -294,17 +307,17 @@ class _Search:
         return self._clock[i, pairs] + (times - samples[i]) * self._speed[i, pairs]
 
     def report(self, found: Findings) -> ClearanceReport:
-        """Violations, checks, and the clearances, nearest to their padding first."""
+        """Add violations and checks, and return the clearances, smallest margin first."""
         clearances, elsewhere = [], np.inf
         for i, pair in enumerate(self._model.pairs):
             check = "finger_table" if pair.kind == "finger-table" else "clearance"
             if i in self._broken:
                 found.fail(check, self._broken[i], float(self._margin_time[i]))
-            elif i in self._unproven:
-                begin, end = self._unproven[i]
+            elif i in self._unresolved:
+                begin, end = self._unresolved[i]
                 found.fail(
                     check,
-                    f"{' and '.join(pair.names)} cannot be proven to keep apart between {begin:.4f} and "
+                    f"the distance of {' and '.join(pair.names)} cannot be bounded well enough between {begin:.4f} and "
                     f"{end:.4f} s",
                     begin,
                 )
@@ -315,10 +328,9 @@ class _Search:
         elsewhere = elsewhere if np.isfinite(elsewhere) else 0.0
         clearances.sort(key=lambda pair: pair.margin)
         for name, among in (
-            ("clearance", [c for c in clearances if c.kind not in MEANT]),
+            ("clearance", [c for c in clearances if c.kind not in NEAR_BY_DESIGN]),
             ("finger_table", [c for c in clearances if c.kind == "finger-table"]),
         ):
-            # Where nothing comes near there is nothing to show but that the check was made.
             if not among:
                 found.check(name, where=f"nothing within {1e3 * elsewhere:.0f} mm")
                 continue
@@ -355,7 +367,7 @@ def _broken(pair: BodyPair, distance: float, padding: float, time: float) -> str
 
 
 def _pair_speeds(model: CellModel, leg: Leg, X_WJ: Array) -> Array:
-    """Bound on the relative speed of every pair of bodies in every interval of a leg, (n-1, pairs), m/s."""
+    """Bound the relative speed of every pair of bodies in every interval of a leg, (n-1, pairs), m/s."""
     directions = model.axis_directions()
     step = leg.step[:, 0]
     speeds = []

@@ -1,4 +1,4 @@
-"""Where the contact windows and the named poses are, and how fast open fingers move near the table."""
+"""Checks of contact windows, named poses, and the speed of open fingers near the table."""
 
 from collections.abc import Sequence
 
@@ -12,9 +12,9 @@ from unwrinkle.planning.verification.tools import REACH, ToolLeg, away_from_plac
 from unwrinkle.planning.verification.verdict import Findings
 
 ARMS = ("right", "left")
-#: Poses at which the blades are down: a tool centre point is no higher than this above the table, m.
+#: Greatest height of a tool centre point above the table at poses at which the blades are down, m.
 DOWN = 0.020
-#: Poses at which the grippers change: a tool centre point is no further than this from where it is when the segment ends, m.
+#: Greatest distance of a tool centre point from its position at the segment's end, at poses at which the grippers change, m.
 END_TOLERANCE = 1e-3
 _AT_END = ("grasp", "put-on-table")
 _DOWN = ("touch-table", "free-garment")
@@ -24,14 +24,14 @@ _CLEAR = ("plan", "leave-table")
 def check_contact(
     plan: FlatteningPlan, cell: Cell, model: CellModel, legs: Sequence[ToolLeg], found: Findings
 ) -> None:
-    """Check contact windows and named poses against the tools, and open fingers near the table.
+    """Check contact windows and named poses against the tools' positions, and the speed of open fingers near the table.
 
     Args:
         plan: the plan.
-        cell: its tools' settings bound the speeds.
+        cell: its scenario's `tools` settings bound the speeds.
         model: of the cell.
-        legs: the segments with their tools.
-        found: takes the checks `contact`, `sliding`, `sinking`.
+        legs: the segments with the motion of their tools.
+        found: receives the checks `contact`, `sliding`, `sinking`.
     """
     segments = {segment.name: segment for segment in plan.segments}
     for leg in legs:
@@ -83,7 +83,7 @@ def _check_window(leg: ToolLeg, away: Array, arm: int, found: Findings) -> None:
 
 
 def _wrong_pose(name: str, away: float, height: float, near: float) -> str:
-    """What is wrong with a tool at a named pose; empty if nothing is."""
+    """Describe the error of a tool's position at a named pose; empty if there is none."""
     if name not in (*_AT_END, *_DOWN, *_CLEAR):
         return ""
     if not away <= REACH:

@@ -1,4 +1,4 @@
-"""What the hands do with the cloth: where they grasp, pull and put down, how fast they hold, how far they stretch."""
+"""Checks of the hands' work on the cloth: places of grasp, pull and put-down, speed while holding, stretch, slack."""
 
 from collections.abc import Sequence
 
@@ -13,29 +13,29 @@ from unwrinkle.planning.verification.tools import ToolLeg, ToolMotion
 from unwrinkle.planning.verification.verdict import Findings
 
 ARMS = ("right", "left")
-#: From the tool centre point to the grasp or put-down point, horizontally, m.
+#: Greatest horizontal distance of the tool centre point from the grasp or put-down point, m.
 PLACE_TOLERANCE = 5e-3
-#: From the line between them, whose ends may be off by the same; the rest is for what lies between samples, m.
+#: Greatest distance from the line between the two points, m: the tolerance of its ends, and 1 mm for the motion between samples.
 LINE_TOLERANCE = 6e-3
-#: Of the tool centre point above the working table at the gripper events, m.
+#: Range of the tool centre point's height above the working table at the gripper events, m.
 HEIGHTS = (-1e-4, 8e-3)
-#: The cloth may go slack by so much while it is held, and a hand may go back by so much, m.
+#: Greatest decrease of the grippers' distance while they hold, and greatest backward motion of a hand on its pull, m.
 SLACK = 5e-3
-#: Relative, for rounding.
+#: Relative tolerance for rounding.
 TOLERANCE = 1e-9
 
 
 def check_hands(
     plan: FlatteningPlan, cell: Cell, model: CellModel, legs: Sequence[ToolLeg], found: Findings
 ) -> None:
-    """Check places at the gripper events, and place, speed and stretch while holding.
+    """Check the tools' places at the gripper events, and their path, speed and stretch of the cloth while holding.
 
     Args:
         plan: the plan.
         cell: with the limits at the plan's speed.
         model: of the cell.
-        legs: the segments with their tools.
-        found: takes the checks `grasp`, `pull`, `put_down`, `table`, `tip_speed`, `stretch`, `slack`.
+        legs: the segments with the motion of their tools.
+        found: receives the checks `grasp`, `pull`, `put_down`, `table`, `tip_speed`, `stretch`, `slack`.
     """
     holding = [leg for leg in legs if leg.leg.held]
     _check_speed(holding, cell.limits.tip_speed_holding, found)
@@ -58,7 +58,7 @@ def check_hands(
 
 
 def _between(values: Array, sag: Array) -> Array:
-    """Bound on the norm of a vector in every interval, from its norm at the ends: greatest at an end of the chord."""
+    """Bound the norm of a vector in every interval: the greater norm at its ends, plus the deviation from the chord."""
     return np.maximum(values[:-1], values[1:]) + sag
 
 
@@ -99,7 +99,7 @@ def _check_stretch(leg: ToolLeg, limit: float, found: Findings) -> None:
     if not worst <= SLACK:
         found.fail(
             "slack",
-            f"the grippers have come {1e3 * worst:.1f} mm nearer to each other by {time:.3f} s while they hold, "
+            f"the distance of the holding grippers has decreased by {1e3 * worst:.1f} mm at {time:.3f} s, "
             f"{1e3 * (worst - SLACK):.1f} mm more than the {1e3 * SLACK:.0f} mm allowed",
             time,
         )
@@ -107,7 +107,7 @@ def _check_stretch(leg: ToolLeg, limit: float, found: Findings) -> None:
 
 
 class _Work:
-    """One arm's work on its hand of the target."""
+    """Checks of one arm that serves one hand of the target."""
 
     def __init__(
         self, plan: FlatteningPlan, arm: int, choice: ArmChoice, cell: Cell, model: CellModel
@@ -123,7 +123,7 @@ class _Work:
         self._end = self._begin + self._length * hand.pull_direction
 
     def check_place(self, kind: str, tool: ToolMotion, found: Findings) -> None:
-        """Whether the tool is where it has to be when its leg ends, low enough, and over the table."""
+        """Check the tool's place and height at the end of its leg, and that the place lies on the table."""
         place = self._begin if kind == "grasp" else self._end
         p, time, name = tool.p_WT[-1], float(tool.times[-1]), self._name
         off = float(np.hypot(*(p[:2] - place)))
@@ -131,7 +131,7 @@ class _Work:
         if not off <= PLACE_TOLERANCE:
             found.fail(
                 kind,
-                f"{what}, {1e3 * off:.1f} mm from where it has to {kind.replace('_', ' ')} "
+                f"{what}, {1e3 * off:.1f} mm from the {kind.replace('_', '-')} point "
                 f"({place[0]:.3f}, {place[1]:.3f}) m, at most {1e3 * PLACE_TOLERANCE:.0f} mm are allowed",
                 time,
             )
@@ -163,7 +163,7 @@ class _Work:
         found.check("table", beyond, allowed, allowed - beyond, "m", f"{self._name} gripper", time)
 
     def check_pull(self, tool: ToolMotion, found: Findings) -> None:
-        """Whether the tool stays on the line from grasp to put-down, low, while it holds."""
+        """Check that the tool stays near the line from grasp to put-down and low, and does not go back, while it holds."""
         along = (tool.p_WT[:, :2] - self._begin) @ self._direction
         nearest = np.clip(along, 0.0, max(self._length, 0.0))[:, None] * self._direction
         off = _between(np.linalg.norm(tool.p_WT[:, :2] - self._begin - nearest, axis=1), tool.sag)
@@ -194,14 +194,14 @@ class _Work:
         if not worst <= SLACK:
             found.fail(
                 "slack",
-                f"the {self._name} gripper has gone back by {1e3 * worst:.1f} mm on its pull by {time:.3f} s, at most "
+                f"the {self._name} gripper has moved back along its pull by {1e3 * worst:.1f} mm at {time:.3f} s, at most "
                 f"{1e3 * SLACK:.0f} mm are allowed",
                 time,
             )
         found.check("slack", worst, SLACK, SLACK - worst, "m", f"{self._name} tip", time)
 
     def check_alone(self, tool: ToolMotion, found: Findings) -> None:
-        """Whether an arm that pulls alone stays within what the cloth to the other grasp point allows."""
+        """Check that an arm that pulls alone keeps within the length of the cloth to the other grasp point."""
         distance = np.linalg.norm(tool.p_WT - self._other.p_WG, axis=1)
         bound = _between(distance, tool.sag)
         i = int(np.argmax(bound))

@@ -1,4 +1,4 @@
-"""Joint limits on the motion as the controller interpolates it: every extreme in closed form."""
+"""Joint limits of the interpolated motion: every extreme in closed form."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from unwrinkle.models.limits import Limits
 from unwrinkle.planning.verification.motion import Leg
 from unwrinkle.planning.verification.verdict import Findings
 
-#: Relative, for rounding.
+#: Relative tolerance for rounding.
 TOLERANCE = 1e-9
 #: A motion whose jerk keeps within J, sampled exactly, gives cubic pieces whose acceleration at an end of an interval of
 #: length h is off by e = -1/h * integral of j(s) (3 s^2 / h - 2 s) ds over the interval, hence |e| <= 8/27 J h.
@@ -22,15 +22,15 @@ def check_limits(legs: Sequence[Leg], limits: Limits, axes: Sequence[str], found
     """Check position, velocity, acceleration, jerk and jumps of acceleration of every axis in every interval.
 
     Args:
-        legs: the motion; the gripper strokes among them are passed over.
+        legs: the motion; gripper strokes are skipped.
         limits: at the plan's speed.
-        axes: names of the thirteen axes.
-        found: takes the checks `position`, `velocity`, `acceleration`, `jerk`, `acceleration_jump`.
+        axes: names of the robot's axes.
+        found: receives the checks `position`, `velocity`, `acceleration`, `jerk`, `acceleration_jump`.
     """
     moving = [leg for leg in legs if leg.name != "grippers"]
     _check_positions(moving, limits, axes, found)
     for name in ("velocity", "acceleration", "jerk"):
-        values = [np.abs(_derivative(leg, name))[:, :13] for leg in moving]
+        values = [np.abs(_derivative(leg, name))[:, : len(axes)] for leg in moving]
         limit = getattr(limits, name)
         _check_ratios(name, moving, values, [limit] * len(moving), axes, found)
     jumps, allowed = zip(*(_jumps(leg, limits.jerk) for leg in moving), strict=True)
@@ -44,9 +44,10 @@ def _derivative(leg: Leg, name: str) -> Array:
 
 
 def _jumps(leg: Leg, jerk: Array) -> tuple[Array, Array]:
-    """Jumps of acceleration at every sample, (n, 13), rest before and after included, and what may be."""
-    begin, end = (a[:, :13] for a in leg.acceleration)
-    rest = np.zeros((1, 13))
+    """Return the jumps of acceleration at every sample, (n, axes), rad/s^2, and their limits; the arms rest before and after."""
+    count = len(jerk)
+    begin, end = (a[:, :count] for a in leg.acceleration)
+    rest = np.zeros((1, count))
     steps = np.vstack([[[0.0]], leg.step, [[0.0]]])
     jumps = np.abs(np.vstack([begin, rest]) - np.vstack([rest, end]))
     return jumps, JUMP_FACTOR * jerk * (steps[:-1] + steps[1:])

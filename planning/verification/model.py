@@ -1,6 +1,6 @@
-"""The cell as a verification sees it: Drake's plant, what moves what, and which bodies must keep away from which.
+"""The verification's model of a cell: Drake's plant, kinematic chains, and the pairs of bodies with their clearances.
 
-Nothing here is shared with the planner but the model files.
+Only the model files are shared with the planner.
 """
 
 from collections.abc import Iterator
@@ -23,22 +23,18 @@ from unwrinkle.models.robot import Cell, build_robot_diagram, position_indices, 
 from unwrinkle.planning.verification.motion import JOINTS
 from unwrinkle.planning.verification.shapes import box_corners, outlines
 
-ARMS = (("r1", "r1_gripper"), ("r2", "r2_gripper"))
-FINGERS = ("lower_finger", "upper_finger")
-ARM_AXES = ((0, 1, 2, 3, 4, 5, 6), (0, 7, 8, 9, 10, 11, 12))
-
 
 @dataclass(frozen=True)
 class BodyPair:
-    """Two bodies that the motion moves against each other.
+    """Two bodies that can move relative to each other.
 
     Attributes:
         names: scoped names.
-        bodies: positions in `CellModel.moving` and the like; -1 for a body that nothing moves.
+        bodies: indices in `CellModel.moving`; -1 for a body that no joint moves.
         shared: number of joints that carry both.
         kind: see `PairClearance.kind`.
-        required: padding, m; for finger-table outside the contact window.
-        arm: which arm's fingers, where the kind is finger-table; else -1.
+        required: clearance, m; for finger-table outside the contact window.
+        arm: index of the arm for the kind finger-table; else -1.
     """
 
     names: tuple[str, str]
@@ -50,18 +46,19 @@ class BodyPair:
 
 
 class CellModel:
-    """Plant, pairs and kinematics of a cell. Building it takes some tenths of a second; not thread-safe.
+    """Plant, pairs of bodies and kinematics of a cell. Building it takes some tenths of a second; not thread-safe.
 
     Attributes:
-        pairs: every pair of bodies that must keep away from each other.
+        pairs: all pairs of bodies with a clearance.
         shapes: outlines of all collision shapes.
-        first: (G,) first shape of each pair of shapes that must keep away from each other.
+        first: (G,) first shape of each pair of shapes with a clearance.
         second: (G,) second shape.
-        pair_of: (G,) their bodies' index in `pairs`.
-        reach: (G,) sum of the radii of spheres around both, m.
+        pair_of: (G,) index of their bodies in `pairs`.
+        reach: (G,) sum of the radii of their bounding spheres, m.
         table_height: of the working table, m.
+        tool_chains: per arm the joints (columns of a leg) that move its tool centre point, from the world outwards.
         chains: per moving body the joints (columns of a leg) that move it, from the world outwards.
-        corners: per moving body (8, 3) corners of a box around its shapes, in the child frame of its last joint.
+        corners: per moving body the corners (8, 3) of a box around its shapes, in the child frame of its last joint.
     """
 
     def __init__(self, cell: Cell) -> None:
@@ -84,24 +81,26 @@ class CellModel:
         ]
         self.prismatic = [isinstance(joint, PrismaticJoint) for joint in self._joints]
         self._tips = [
-            self._plant.GetFrameByName("tcp", self._plant.GetModelInstanceByName(gripper))
-            for _, gripper in ARMS
+            self._plant.GetFrameByName("tcp", self._plant.GetModelInstanceByName(arm.gripper))
+            for arm in cell.robot.arms
         ]
         self._table = self._table_frame()
         self._X_WS = self._table.CalcPoseInWorld(self._context).GetAsMatrix4()
         self.table_height = float(self._X_WS[2, 3])
         self._find_bodies()
+        self._check_roles()
+        self.tool_chains = [self._chain[_name(frame.body())] for frame in self._tips]
         self.pairs: list[BodyPair] = []
         self._find_pairs()
 
     def set_positions(self, positions: Array) -> QueryObject:
-        """Move the cell to (15,) positions of axes and blades; returns the geometry queries there."""
+        """Set the positions (15,) of axes, rad, and blades, m; return the geometry queries there."""
         self._positions[self._columns] = positions
         self._plant.SetPositions(self._context, self._positions)
         return self._plant.get_geometry_query_input_port().Eval(self._context)
 
     def frames(self, positions: Array) -> tuple[Array, Array]:
-        """Poses in the world at each of (n, 15) positions.
+        """Compute poses in the world at each of (n, 15) positions.
 
         Returns:
             (n, 15, 4, 4) of the joints' child frames (joint axes go through their origins), and (n, 2, 4, 4) of
@@ -120,13 +119,13 @@ class CellModel:
         return X_WJ, X_WT
 
     def beyond_table(self, places: Array) -> Array:
-        """How far places (..., 2) in the world lie beyond the nearest edge line of the working table, m; negative on it."""
+        """Return how far places (..., 2) in the world lie beyond the nearest edge of the working table, m; negative on it."""
         local = (np.asarray(places) - self._X_WS[:2, 3]) @ self._X_WS[:2, :2]
         beyond = np.abs(local) - 0.5 * np.asarray(self.cell.scenario.table.size)
         return np.asarray(beyond.max(axis=-1))
 
     def axis_directions(self) -> Array:
-        """Directions of the joints' axes in their child frames, (15, 3)."""
+        """Return the directions (15, 3) of the joints' axes in their child frames."""
         return np.array(
             [
                 joint.translation_axis() if prismatic else joint.revolute_axis()
@@ -135,12 +134,12 @@ class CellModel:
         )
 
     def outline_poses(self, X_WJ: Array) -> tuple[Array, Array]:
-        """Axes (n, N, 3, 3) and centres (n, N, 3) of the shapes' outlines in the world.
+        """Return axes (n, N, 3, 3) and centres (n, N, 3) of the shapes' outlines in the world.
 
         Args:
             X_WJ: (n, 15, 4, 4) as from `frames`.
         """
-        # Joint -1, of shapes that nothing moves, is the world.
+        # Index -1, of shapes that no joint moves, is the world.
         fixed = np.broadcast_to(np.eye(4), (len(X_WJ), 1, 4, 4))
         X_WS = np.concatenate([X_WJ, fixed], axis=1)[:, self._shape_joint] @ self._X_JS
         return X_WS[..., :3, :3], X_WS[..., :3, 3]
@@ -163,7 +162,7 @@ class CellModel:
         return list(self._plant.GetCollisionGeometriesForBody(body))
 
     def _find_bodies(self) -> None:
-        """Follow the joints outwards from the world: which of ours move which body."""
+        """Find the chain of joints that moves each body."""
         plant = self._plant
         inboard = {}
         for index in plant.GetJointIndices():
@@ -208,6 +207,33 @@ class CellModel:
     def _indices(self, body: RigidBody) -> list[int]:
         return [self.shapes.ids.index(i) for i in self._shapes(body)]
 
+    def _check_roles(self) -> None:
+        """Refuse roles that would silently change a required clearance.
+
+        Raises:
+            InputError: a link that the models do not have, or an adjacent pair with more than one joint between.
+        """
+        robot = self.cell.robot
+        wanted = [name for pair in robot.adjacent for name in pair]
+        for arm in robot.arms:
+            wanted += [f"{arm.gripper}::{link}" for link in (robot.palm, *robot.fingers)]
+        for name in wanted:
+            if name not in self._chain:
+                raise InputError(
+                    f"the cell's models have no link '{name}', to which the robot's description gives a role"
+                )
+        near = set()
+        for joint in self._joints:
+            for body in self._plant.GetBodiesWeldedTo(joint.parent_body()):
+                if self._chain[_name(body)]:
+                    near.add(frozenset((_name(body), _name(joint.child_body()))))
+        for pair in robot.adjacent:
+            if frozenset(pair) not in near:
+                raise InputError(
+                    f"the robot's description exempts {' and '.join(pair)} from a clearance; only a link and what carries "
+                    "its joint may be exempt"
+                )
+
     def _corners(self, shapes: list[int]) -> Array:
         points = [
             self.shapes.corners(i) @ self._X_JS[i, :3, :3].T + self._X_JS[i, :3, 3] for i in shapes
@@ -216,7 +242,7 @@ class CellModel:
         return box_corners(everything.min(axis=0), everything.max(axis=0))
 
     def _find_pairs(self) -> None:
-        """List the pairs, and let no filter of the models hide any of them from the query."""
+        """List the pairs, and remove all collision filters of the models so that the query covers every pair."""
         everything = GeometrySet(list(self.shapes.ids))
         context = self._diagram.scene_graph().GetMyMutableContextFromRoot(self._root)
         filters = self._diagram.scene_graph().collision_filter_manager(context)
@@ -232,10 +258,10 @@ class CellModel:
         self.reach = radius[self.first] + radius[self.second]
 
     def _pair(self, a: str, b: str) -> BodyPair | None:
-        """How two bodies must keep away from each other; None where they need not.
+        """Return the clearance of two bodies; None if there is none.
 
-        They need not where nothing moves one against the other, where one joint joins them (they overlap in it),
-        and where they are the two fingers of one gripper (which meet when it closes).
+        There is none for two bodies without relative motion, for the two sides of one joint (their shapes overlap there),
+        and for the two fingers of one gripper (they meet when it closes).
         """
         chains = self._chain[a], self._chain[b]
         if chains[0] == chains[1] or frozenset((a, b)) in self._neighbours:
@@ -250,26 +276,29 @@ class CellModel:
         bodies = [self.moving.index(name) if self._chain[name] else -1 for name in (a, b)]
         return BodyPair((a, b), (bodies[0], bodies[1]), shared, kind, required, arm)
 
+    def _side(self, name: str) -> int:
+        """Return the index of the arm that a body (scoped name) belongs to, gripper included; -1 for none."""
+        arm = self.cell.robot.arm_of(scoped(name)[0])
+        return -1 if arm is None else arm
+
     def _kind(self, a: str, b: str) -> tuple[str, float, int]:
         clearance = self.cell.scenario.clearance
-        sides = _side(a), _side(b)
+        robot = self.cell.robot
+        sides = self._side(a), self._side(b)
         table = _name(self._table.body())
         if sides[0] >= 0 and sides[1] >= 0:
             if sides[0] != sides[1]:
                 return "arm-arm", clearance.arm_arm, -1
-            fingers = _element(a) in FINGERS and _element(b) in FINGERS
+            fingers = _element(a) in robot.fingers and _element(b) in robot.fingers
             return ("fingers" if fingers else "self"), 0.0, -1
         if table in (a, b) and max(sides) >= 0:
             body = _element(b if a == table else a)
-            if body in FINGERS:
+            if body in robot.fingers:
                 return "finger-table", clearance.finger_table, max(sides)
-            if body == "palm":
+            if body == robot.palm:
                 return "palm-table", clearance.palm_table, -1
             return "arm-table", clearance.arm_table, -1
-        # The shoulder turns on a base that is bolted to the carrier: neighbours but for that weld, near in every
-        # position of the axis by construction.
-        carrier = _name(self._joints[0].child_body())
-        if carrier in (a, b) and any(name.endswith("::link_2") for name in (a, b)):
+        if any({a, b} == set(pair) for pair in robot.adjacent):
             return "adjacent", 0.0, -1
         return "surroundings", clearance.surroundings, -1
 
@@ -280,9 +309,3 @@ def _name(body: RigidBody) -> str:
 
 def _element(name: str) -> str:
     return scoped(name)[1]
-
-
-def _side(name: str) -> int:
-    """0 for the right arm with its gripper, 1 for the left, -1 for neither."""
-    instance = scoped(name)[0]
-    return next((i for i, instances in enumerate(ARMS) if instance in instances), -1)

@@ -1,7 +1,8 @@
-"""The motion that a verification looks at: cubic pieces with exact extremes, gripper strokes between them.
+"""The motion that is verified: cubic pieces with exact extremes, and gripper strokes between segments.
 
-Between two samples the controller runs the cubic that takes over both positions and velocities (Hermite), so its
-acceleration is linear and its jerk constant: the extremes of every derivative follow in closed form.
+Between two samples the controller runs the cubic Hermite interpolant of positions and velocities. Its acceleration is linear and
+its jerk constant, so the extremes of every derivative follow in closed form. The verification has its own cubic on purpose:
+it does not rely on the one of planner and driver.
 """
 
 from dataclasses import dataclass
@@ -12,13 +13,14 @@ import numpy as np
 from unwrinkle.models.arrays import Array
 from unwrinkle.planning.plan import FlatteningPlan, Segment
 
-#: Columns of a leg's joints: thirteen axes, then the right and the left gripper's driven blade.
+#: Columns of a leg: the robot's axes, then the driven blades of the right and the left gripper.
 JOINTS = 15
+_BLADES = 2
 
 
 @dataclass(frozen=True, eq=False)
 class Leg:
-    """A piece of the plan's motion: a segment, or a gripper stroke while the arms rest.
+    """One part of the plan's motion: a segment, or a gripper stroke while the arms rest.
 
     Attributes:
         name: of the segment, or `grippers`.
@@ -38,12 +40,12 @@ class Leg:
 
     @cached_property
     def step(self) -> Array:
-        """(n-1, 1) lengths of the intervals, s."""
+        """Lengths of the intervals, (n-1, 1), s."""
         return np.diff(self.times)[:, None]
 
     @cached_property
     def acceleration(self) -> tuple[Array, Array]:
-        """Acceleration at the begin and at the end of every interval, (n-1, 15) each; linear in between."""
+        """Acceleration at the start and at the end of every interval, (n-1, 15) each; linear in between."""
         h = self.step
         chord = np.diff(self.positions, axis=0) / h
         v0, v1 = self.velocities[:-1], self.velocities[1:]
@@ -92,7 +94,7 @@ class Leg:
         return low, high
 
     def at(self, time: float) -> Array:
-        """Positions (15,) at a time on the plan's clock, in s, inside the leg."""
+        """Return the positions (15,) at a time inside the leg, s on the plan's clock."""
         i = int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.step) - 1))
         t = time - self.times[i]
         begin = self.acceleration[0][i]
@@ -101,7 +103,7 @@ class Leg:
         )
 
     def at_times(self, times: Array) -> "Leg":
-        """The same motion with its samples at times (m,) on the plan's clock, increasing, inside the leg."""
+        """Resample the same motion at increasing times (m,) inside the leg, s on the plan's clock."""
         i = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.step) - 1)
         t = (times - self.times[i])[:, None]
         begin, jerk, v = self.acceleration[0][i], self.jerk[i], self.velocities[i]
@@ -111,10 +113,10 @@ class Leg:
 
 
 def legs(plan: FlatteningPlan, opening: float) -> tuple[Leg, ...]:
-    """All that moves, in order: the segments, and between them the strokes of the grippers.
+    """List the segments of a plan and the gripper strokes between them, in order.
 
     Args:
-        plan: any plan whose segments stand in it; whether they are the right ones is checked elsewhere.
+        plan: any plan; the names and the order of its segments are checked elsewhere.
         opening: distance of the open blades, m.
     """
     result: list[Leg] = []
@@ -131,7 +133,7 @@ def legs(plan: FlatteningPlan, opening: float) -> tuple[Leg, ...]:
                 segment.name,
                 segment.start + samples.times,
                 np.hstack([samples.positions, blades]),
-                np.hstack([samples.velocities, np.zeros((count, 2))]),
+                np.hstack([samples.velocities, np.zeros((count, _BLADES))]),
                 any(segment.closed),
                 (begin, end) if end > begin else None,
             )
@@ -141,13 +143,13 @@ def legs(plan: FlatteningPlan, opening: float) -> tuple[Leg, ...]:
 
 
 def _stroke(before: Segment, after: Segment, opening: float) -> Leg:
-    # The blades run evenly here; where they come near anything, the path and not its timing decides.
+    # Constant speed of the blades: clearances depend on the path, not on its timing.
     duration = max(after.start - before.end, 1e-3)
     times = before.end + np.array([0.0, duration])
     blades = np.array([_blades(before.closed, opening), _blades(after.closed, opening)])
     rest = before.trajectory.positions[-1]
     positions = np.hstack([np.tile(rest, (2, 1)), blades])
-    rate = np.concatenate([np.zeros(13), (blades[1] - blades[0]) / duration])
+    rate = np.concatenate([np.zeros(JOINTS - _BLADES), (blades[1] - blades[0]) / duration])
     touching = (
         before.contact[1] >= before.trajectory.duration - 1e-6
         and before.contact[1] > before.contact[0]

@@ -1,4 +1,4 @@
-"""The tools' postures over the whole of contact and holding, against what the plan claims of them."""
+"""Checks of the tools' postures during contact and holding against the postures that the plan states."""
 
 from collections.abc import Sequence
 
@@ -13,13 +13,15 @@ from unwrinkle.planning.verification.tools import REACH, ToolLeg, ToolMotion, aw
 from unwrinkle.planning.verification.verdict import Findings
 
 ARMS = ("right", "left")
-#: Of tilt, heading and roll against the claimed ones, rad.
+#: Greatest difference of tilt, heading and roll from the stated ones, rad.
 POSTURE_TOLERANCE = 0.02
-#: Of the tilt beyond the gripper's window, rad.
+#: Greatest excess of the tilt over the gripper's window, rad.
 TILT_TOLERANCE = 5e-3
-#: Of the turn-table against the claimed angle, and of one that is fixed, rad.
-TURNTABLE_TOLERANCE, FIXED_TOLERANCE = 1e-3, 1e-6
-#: The cosine of a tilt below which a tool has no heading of its own: it points straight down.
+#: Greatest difference of the turn-table from the stated angle, rad.
+TURNTABLE_TOLERANCE = 1e-3
+#: Greatest motion of a turn-table that is fixed, rad.
+FIXED_TOLERANCE = 1e-6
+#: Cosine of the tilt below which the heading is undefined: the tool points straight down.
 _UPRIGHT = 0.05
 
 
@@ -32,27 +34,27 @@ def check_postures(
         plan: the plan.
         cell: its gripper bounds the tilt; its planner may keep the turn-table fixed.
         model: of the cell.
-        legs: the segments with their tools.
-        found: takes the checks `tilt`, `heading`, `roll`, `turntable`.
+        legs: the segments with the motion of their tools.
+        found: receives the checks `tilt`, `heading`, `roll`, `turntable`.
     """
     for leg in legs:
         _check_fixed(cell, leg, found)
         for arm, choice in enumerate(plan.arms):
             if choice is None or choice.side not in (0, 1):
                 continue
-            # A contact window that reaches further than the tools' place is a violation of its own.
+            # A contact window away from the place of work is a violation of the check `contact`.
             hand = plan.target.hands[choice.side]
             away = away_from_place(leg.tools[arm], hand, choice.share, model)
             near = leg.leg.held | (np.maximum(away[:-1], away[1:]) <= REACH)
             low = _low(leg.tools[arm], model.table_height + cell.scenario.tools.near_table)
             working = np.flatnonzero((leg.working & near) | low)
             if len(working):
-                _check_turntable(plan, leg, working, found)
+                _check_turntable(plan, cell, leg, working, found)
                 _check_arm(plan, cell, leg, working, arm, choice, found)
 
 
 def _low(tool: ToolMotion, height: float) -> NDArray[np.bool_]:
-    """(n-1,) intervals in which a tool centre point may be below a height, m."""
+    """Return the intervals (n-1,) in which a tool centre point may be below a height, m."""
     z = tool.p_WT[:, 2]
     return np.asarray(np.minimum(z[:-1], z[1:]) - tool.sag < height)
 
@@ -89,7 +91,7 @@ def _check_arm(
                 time,
             )
         found.check("tilt", worst, bound, margin, "rad", f"{name} tool", time)
-    # Near the vertical a small turn of the tool is a large one of its heading.
+    # Near the vertical a small rotation of the tool changes its heading by much.
     level = np.cos(tilt)
     for kind, angle, share, what in (
         ("tilt", np.abs(tilt - choice.tilt), 1.0, f"tilt of {np.degrees(choice.tilt):.1f} degrees"),
@@ -103,7 +105,7 @@ def _check_arm(
             shown = worst / max(float(level[working[i]]), _UPRIGHT) if kind == "heading" else worst
             found.fail(
                 kind,
-                f"the {name} tool is {np.degrees(shown):.1f} degrees off the claimed {what} at {time:.3f} s of "
+                f"the {name} tool is {np.degrees(shown):.1f} degrees off the stated {what} at {time:.3f} s of "
                 f"{leg.leg.name}, about {np.degrees(POSTURE_TOLERANCE):.1f} are allowed",
                 time,
             )
@@ -147,27 +149,29 @@ def tool_angles(R_WT: Array, claimed: Array) -> tuple[Array, Array, Array]:
 def _check_fixed(cell: Cell, leg: ToolLeg, found: Findings) -> None:
     if cell.scenario.planner.turntable != "fixed":
         return
-    low, high = (q[:, 0] for q in leg.leg.position_extremes())
+    axis = cell.robot.turntable_axis
+    low, high = (q[:, axis] for q in leg.leg.position_extremes())
     moved = float(high.max() - low.min())
     if not moved <= FIXED_TOLERANCE:
         found.fail(
             "turntable",
-            f"the turn-table moves by {moved:.4f} rad during {leg.leg.name}; this cell's is fixed",
+            f"the turn-table moves by {moved:.4f} rad during {leg.leg.name}, but it is fixed in this cell",
             float(leg.leg.times[0]),
         )
 
 
 def _check_turntable(
-    plan: FlatteningPlan, leg: ToolLeg, working: NDArray[np.intp], found: Findings
+    plan: FlatteningPlan, cell: Cell, leg: ToolLeg, working: NDArray[np.intp], found: Findings
 ) -> None:
-    low, high = (q[working, 0] for q in leg.leg.position_extremes())
+    axis = cell.robot.turntable_axis
+    low, high = (q[working, axis] for q in leg.leg.position_extremes())
     off = np.maximum(high - plan.turntable, plan.turntable - low)
     i = int(np.argmax(off))
     worst, time = float(off[i]), float(leg.leg.times[working[i]])
     if not worst <= TURNTABLE_TOLERANCE and not found.failed("turntable"):
         found.fail(
             "turntable",
-            f"the turn-table is {worst:.4f} rad off the claimed {plan.turntable:.4f} rad at {time:.3f} s of "
+            f"the turn-table is {worst:.4f} rad off the stated {plan.turntable:.4f} rad at {time:.3f} s of "
             f"{leg.leg.name}, at most {TURNTABLE_TOLERANCE:g} rad are allowed",
             time,
         )

@@ -1,10 +1,10 @@
-"""Distances between convex shapes that can be relied on: every one is certified by a plane that separates the shapes by it.
+"""Reliable distances between convex shapes: each is the width of a gap between two parallel planes that separate the shapes.
 
-For any unit vector n, the extents of two convex sets along n leave a gap, and the (signed) distance of the sets is nowhere less
-than the gap; for the right n it is equal. Drake's own query measures with a GJK that overestimates the distance of boxes with
-parallel faces, in this cell by up to 140 mm (FCL issue 508), and may throw close to contact (Drake issue 21234). So its
-answer serves here as a proposal for n only, beside the faces' normals; where the gap does not confirm it, the distance of the
-shapes' boxes is computed as a least-squares problem with bounds.
+For any unit vector n, the gap between the extents of two convex sets along n is a lower bound of their (signed) distance; for the
+right n it is equal. Drake's distance query uses a GJK that overestimates the distance of boxes with parallel faces, in
+this cell by up to 140 mm (FCL issue 508), and may throw close to contact (Drake issue 21234). Its answer is therefore used
+only as a candidate for n, beside the faces' normals. If no gap confirms it, the distance of the shapes' boxes is computed as a
+bounded least-squares problem.
 """
 
 from collections.abc import Sequence
@@ -27,18 +27,18 @@ from scipy.optimize import lsq_linear
 from unwrinkle.models.arrays import Array, Indices
 from unwrinkle.models.errors import InputError
 
-#: A measured distance is taken as confirmed if the gap is no further below it, m.
+#: A queried distance is confirmed if the gap is less than this below it, m.
 CONFIRMED = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
 class Shapes:
-    """Centrally symmetric outlines of N collision shapes: a box, grown by a disk about its z axis and by a ball.
+    """Centrally symmetric outlines of N collision shapes: Minkowski sums of a box, a disk about its z axis and a ball.
 
-    Exact for boxes, cylinders, capsules and spheres; other shapes are replaced by a box around them.
+    Exact for boxes, cylinders, capsules and spheres; other shapes are replaced by their bounding boxes.
 
     Attributes:
-        ids: their names in the scene graph.
+        ids: of the geometries in the scene graph.
         half: (N, 3) half widths of the box, m.
         disk: (N,) radius of the disk, m.
         ball: (N,) radius of the ball, m.
@@ -55,26 +55,26 @@ class Shapes:
 
     @property
     def radius(self) -> Array:
-        """Radii of spheres around the outlines, (N,)."""
+        """Radii of the bounding spheres about the outlines' centres, (N,), m."""
         inner = np.hypot(np.hypot(self.half[:, 0], self.half[:, 1]) + self.disk, self.half[:, 2])
         return inner + self.ball
 
     def corners(self, i: int) -> Array:
-        """(8, 3) corners of a box around shape `i`, in the outline's axes."""
+        """Return the corners (8, 3) of the bounding box of shape `i` in the outline's axes, m."""
         extent = self.half[i] + self.disk[i] * np.array([1.0, 1.0, 0.0]) + self.ball[i]
         return box_corners(-extent, extent)
 
 
 def outlines(inspector: SceneGraphInspector, ids: Sequence[GeometryId], names: str) -> Shapes:
-    """Outlines of collision shapes.
+    """Build the outlines of collision shapes.
 
     Args:
         inspector: of the scene graph.
         ids: of the shapes.
-        names: where they come from, for messages.
+        names: their origin, for messages.
 
     Raises:
-        InputError: a shape has no bounds.
+        InputError: a shape is unbounded.
     """
     rows = [_outline(inspector, i, names) for i in ids]
     return Shapes(
@@ -85,7 +85,7 @@ def outlines(inspector: SceneGraphInspector, ids: Sequence[GeometryId], names: s
 def _outline(
     inspector: SceneGraphInspector, i: GeometryId, names: str
 ) -> tuple[Array, float, float, Array, Array]:
-    """The fields of `Shapes` for one shape."""
+    """Return the fields of `Shapes` for one shape."""
     shape = inspector.GetShape(i)
     none, here, along = np.zeros(3), np.eye(3), np.array([0.0, 0.0, 0.5])
     if isinstance(shape, Box):
@@ -104,7 +104,7 @@ def _outline(
 
 
 def _extents(shapes: Shapes, which: Indices, R: Array, n: Array) -> Array:
-    """Half extents of m shapes with axes R (m, 3, 3) along directions n (m, k, 3): (m, k)."""
+    """Return the half extents (m, k), m, of m shapes with axes R (m, 3, 3) along directions n (m, k, 3)."""
     local = np.abs(n @ R)
     flat = local @ shapes.half[which][:, :, None]
     rim = shapes.disk[which][:, None] * np.hypot(local[..., 0], local[..., 1])
@@ -114,7 +114,7 @@ def _extents(shapes: Shapes, which: Indices, R: Array, n: Array) -> Array:
 def gaps(
     shapes: Shapes, first: Indices, second: Indices, R: tuple[Array, Array], p: Array, n: Array
 ) -> Array:
-    """Lower bounds on the signed distances of m pairs of shapes.
+    """Bound the signed distances of m pairs of shapes from below.
 
     Args:
         shapes: outlines.
@@ -122,7 +122,7 @@ def gaps(
         second: (m,) shapes.
         R: (m, 3, 3) axes of the first and of the second shapes in the world.
         p: (m, 3) from the first shapes' centres to the second's, m.
-        n: (m, k, 3) unit vectors; their sense does not matter.
+        n: (m, k, 3) unit vectors; their sign does not matter.
 
     Returns:
         (m, k), m.
@@ -139,9 +139,9 @@ def face_gaps(
     p: Array,
     known: Array | None = None,
 ) -> Array:
-    """Greatest gap along the axes of both shapes, the line of their centres and a known direction, (m,), m.
+    """Return the greatest gap (m,), m, along the axes of both shapes, the line of their centres and a known direction.
 
-    Args as in `gaps`; known (m, 3) unit vectors, or zero where there is none.
+    Args as in `gaps`; `known` holds unit vectors (m, 3), or zeros where there is none.
     """
     length = np.linalg.norm(p, axis=1, keepdims=True)
     line = np.where(length > 1e-9, p / np.maximum(length, 1e-9), [1.0, 0.0, 0.0])
@@ -155,10 +155,10 @@ def face_gaps(
 def measure(
     query: QueryObject, shapes: Shapes, first: int, second: int, R: tuple[Array, Array], p: Array
 ) -> tuple[float, Array]:
-    """Certified signed distance of a pair of shapes at one configuration.
+    """Measure the signed distance of a pair of shapes in one configuration.
 
     Args:
-        query: at that configuration.
+        query: in that configuration.
         shapes: outlines.
         first: a shape.
         second: another one.
@@ -166,8 +166,8 @@ def measure(
         p: (3,) from the first shape's centre to the second's, m.
 
     Returns:
-        The distance (never more than it; equal to it for boxes), m, and the unit vector (3,) along which the shapes are
-        that far apart, or zeros.
+        A lower bound of the distance (equal to it for boxes), m, and the unit vector (3,) along which the shapes have that
+        gap, or zeros.
     """
     pair = np.array([first]), np.array([second]), (R[0][None], R[1][None]), p[None]
     claimed, n = np.inf, np.zeros(3)
@@ -175,10 +175,9 @@ def measure(
         answer = query.ComputeSignedDistancePairClosestPoints(shapes.ids[first], shapes.ids[second])
         claimed, n = float(answer.distance), np.asarray(answer.nhat_BA_W)
     except RuntimeError:
-        # FCL gives up on some pairs in contact.
-        pass
+        pass  # FCL fails for some pairs in contact
     best = -np.inf
-    # A direction that is none would claim a gap of zero.
+    # A zero direction would give a gap of zero.
     if np.all(np.isfinite(n)) and abs(np.linalg.norm(n) - 1.0) < 1e-6:
         best = float(gaps(shapes, *pair, n[None, None])[0, 0])
     else:
@@ -197,7 +196,7 @@ def measure(
 def _box_direction(
     shapes: Shapes, first: Indices, second: Indices, R: tuple[Array, Array], p: Array
 ) -> Array | None:
-    """Direction (3,) between the nearest points of the boxes around two shapes; None if the boxes meet."""
+    """Return the direction (3,) between the nearest points of two shapes' bounding boxes; None if the boxes intersect."""
     extents = [shapes.corners(int(i[0])).max(axis=0) for i in (first, second)]
     limit = np.concatenate(extents)
     matrix = np.hstack([R[0][0], -R[1][0]])
@@ -208,6 +207,6 @@ def _box_direction(
 
 
 def box_corners(low: Array, high: Array) -> Array:
-    """(8, 3) corners of the box from `low` to `high`."""
+    """Return the corners (8, 3) of the box from `low` to `high`."""
     grid = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T
     return np.where(grid == 1, high, low)

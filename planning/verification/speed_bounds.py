@@ -1,16 +1,16 @@
-"""How fast anything on a chain of joints can be within an interval: sound bounds from the joints' own extremes.
+"""Upper bounds on the speed of points on a chain of joints within an interval, from the extremes of the joints.
 
-Take a point p carried by revolute joints 1..J. Joint k turns the point about its axis, from which the point has the
-distance rho_k; everything beyond k moves the point against the frame of joint k. With bounds w, a, j of a joint's velocity,
+A point p is carried by revolute joints 1..J. Joint k rotates it about an axis at distance rho_k; the joints beyond k move it
+relative to the frame of joint k. With bounds w, a, j of a joint's velocity,
 acceleration and jerk, the derivatives of its rotation R are bounded by |R'| <= w, |R''| <= w^2 + a, |R'''| <= w^3 + 3 w a + j,
-and Leibniz's rule gives, from the last joint inwards (P_n bounds the n-th derivative of p against the frame before the joint):
+and Leibniz's rule gives, from the last joint inwards (P_n bounds the n-th derivative of p relative to the frame before the joint):
 
     P_1 <- P_1 + w rho
     P_2 <- P_2 + 2 w P_1 + (w^2 + a) rho
     P_3 <- P_3 + 3 w P_2 + 3 (w^2 + a) P_1 + (w^3 + 3 w a + j) rho
 
-rho_k changes within the interval, but no faster than P_1 of what lies beyond k, so that from its values at both ends
-rho_k <= (rho_begin + rho_end + h P_1) / 2. (With P_1 the full speed of the point; its part across the axis is no faster.)
+Within the interval rho_k changes no faster than P_1 of the joints beyond k, so that from its values at both ends
+rho_k <= (rho_begin + rho_end + h P_1) / 2. (P_1 bounds the full speed of the point, hence also its component across the axis.)
 A prismatic joint adds its own derivatives.
 """
 
@@ -22,7 +22,7 @@ from unwrinkle.models.arrays import Array
 
 
 def distances_to_axes(points: Array, X_WJ: Array, directions: Array, chain: Sequence[int]) -> Array:
-    """Greatest distance of a body's points to each axis of its chain, at every sample.
+    """Compute the greatest distance of a body's points from each axis of its chain at every sample.
 
     Args:
         points: (m, 3) in the child frame of the chain's last joint.
@@ -46,7 +46,7 @@ def distances_to_axes(points: Array, X_WJ: Array, directions: Array, chain: Sequ
 
 
 def speed_bounds(rho: Array, step: Array, velocity: Array, prismatic: Sequence[bool]) -> Array:
-    """Bound on the speed of a body's points in every interval, against the frame before each joint of its chain.
+    """Bound the speed of a body's points in every interval, relative to the frame before each joint of its chain.
 
     Args:
         rho: (n, J) distances to the axes at the samples.
@@ -55,7 +55,7 @@ def speed_bounds(rho: Array, step: Array, velocity: Array, prismatic: Sequence[b
         prismatic: per joint of the chain.
 
     Returns:
-        (n-1, J+1), m/s: column k holds for the frame that joints k, k+1, ... move the body against; the last is 0.
+        (n-1, J+1), m/s: column k is relative to the frame before joint k; the last column is 0.
     """
     count = rho.shape[1]
     result = np.zeros((len(step), count + 1))
@@ -72,7 +72,7 @@ def speed_bounds(rho: Array, step: Array, velocity: Array, prismatic: Sequence[b
 def derivative_bounds(
     rho: Array, step: Array, velocity: Array, acceleration: Array, jerk: Array
 ) -> tuple[Array, Array, Array]:
-    """Bounds on the first three derivatives of a point's position in every interval, (n-1,) each.
+    """Bound the first three derivatives of a point's position in every interval, (n-1,) each.
 
     Args as in `speed_bounds`, all joints revolute; acceleration and jerk (n-1, J) as bounds of absolute values.
     """

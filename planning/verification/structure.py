@@ -1,4 +1,4 @@
-"""What a plan must be made of: its hashes, segments, gripper events, start, rest and continuity."""
+"""Checks of a plan's structure: hashes, numbers, segments, gripper events, start, rest and continuity."""
 
 import dataclasses as dc
 
@@ -18,29 +18,31 @@ POSES = (
     ("pull", "put-on-table"),
     ("free-garment", "leave-table"),
 )
-#: Segments, poses of a segment, and gripper events; a plan has three of each at most.
+#: Limit of segments, poses of a segment, and gripper events; a valid plan has at most three of each.
 MOST_PARTS = 12
-#: Of any number of a plan outside its samples (s, rad, shares): beyond it its clock would round to microseconds and more.
+#: Limit of any number outside the samples (s, rad, shares): above it the clock's rounding error would reach microseconds.
 GREATEST = 1e6
-#: Samples of a whole plan; more take too long to be verified.
+#: Limit of the samples of a plan; more take too long to verify.
 MOST_SAMPLES = 20_000
-#: Of the grasp direction against the target's, rad: beyond it the blades come from the side or from inside the garment.
+#: Greatest difference of the grasp direction from the target's, rad: beyond it the blades would enter from the side or from inside.
 GREATEST_OFFSET = np.radians(75.0)
-#: Of one hand's pull in a hand's pull of the target; both hands together pull no more than twice that.
-GREATEST_SHARE, SHARE_TOLERANCE = 2.0, 1e-9
-#: s on the plan's clock.
+#: Greatest pull of one hand over the target's pull distance; the shares of all hands add up to at most their number.
+GREATEST_SHARE = 2.0
+#: Tolerance of the sum of shares.
+SHARE_TOLERANCE = 1e-9
+#: Tolerance of times on the plan's clock, s.
 TIME_TOLERANCE = 1e-6
-#: rad; what MotoROS clients allow between the robot and the first point of a trajectory.
+#: Greatest distance of the first point from the robot's configuration, rad; the tolerance of MotoROS clients.
 START_TOLERANCE = 1e-4
-#: rad, between the end of a segment and the begin of the next.
+#: Greatest distance between the end of a segment and the start of the next, rad.
 CONTINUITY_TOLERANCE = 1e-9
-#: rad/s, of every axis at both ends of a segment.
+#: Greatest speed of an axis at either end of a segment, rad/s.
 REST_TOLERANCE = 1e-9
 
 
 def check_identity(plan: FlatteningPlan, cell: Cell, limits_hash: str, found: Findings) -> None:
-    """Check that plan, robot and limits are the ones the plan claims. Adds the check `hash`."""
-    # `content_hash` is kept once computed; a copy computes it anew.
+    """Check the hashes of content, robot and limits that the plan states. Adds the check `hash`."""
+    # `content_hash` is cached; a copy computes it again.
     if dc.replace(plan).content_hash != plan.content_hash:
         found.fail("hash", "the plan's content has changed since its hash was computed; plan again")
     if plan.robot != cell.robot.name:
@@ -69,7 +71,7 @@ def check_speed(plan: FlatteningPlan, cell: Cell, found: Findings) -> None:
 
 
 def check_numbers(plan: FlatteningPlan, found: Findings) -> None:
-    """Check that every number outside the samples is finite, and that there are not too many samples. Adds the check `numbers`."""
+    """Check that numbers outside the samples are finite and the counts are within limits. Adds the check `numbers`."""
     counts = [len(plan.segments), len(plan.events), *(len(s.poses) for s in plan.segments)]
     if max(counts) > MOST_PARTS:
         found.fail(
@@ -94,9 +96,11 @@ def check_numbers(plan: FlatteningPlan, found: Findings) -> None:
         numbers += [(f"{mark.name} of {segment.name}", mark.time) for mark in segment.poses]
     for what, value in numbers:
         if not (isinstance(value, int | float | np.number) and np.isfinite(value)):
-            found.fail("numbers", f"the {what} is {value!r}, which is no finite number")
+            found.fail("numbers", f"the {what} is {value!r}, which is not a finite number")
         elif not abs(value) <= GREATEST:
-            found.fail("numbers", f"the {what} is {value:.3g}, which no plan has")
+            found.fail(
+                "numbers", f"the {what} is {value:.3g}, at most {GREATEST:g} is possible in a plan"
+            )
     count = sum(len(segment.trajectory.times) for segment in plan.segments)
     if not count <= MOST_SAMPLES:
         found.fail(
@@ -109,7 +113,7 @@ def check_numbers(plan: FlatteningPlan, found: Findings) -> None:
 
 
 def check_choice(plan: FlatteningPlan, found: Findings) -> None:
-    """Check what the plan claims of its arms, apart from their motion. Adds the check `choice`."""
+    """Check the plan's choice of hand, offset and share for each arm. Adds the check `choice`."""
     shares = {}
     for name, arm in zip(("right", "left"), plan.arms, strict=True):
         if arm is None:
@@ -139,7 +143,7 @@ def check_choice(plan: FlatteningPlan, found: Findings) -> None:
 
 
 def check_sent(plan: FlatteningPlan, found: Findings) -> FlatteningPlan | None:
-    """The plan with its segments as the controller takes them; None if it cannot. Adds the check `sent`.
+    """Round the plan's segments as the controller does; None if it cannot represent them. Adds the check `sent`.
 
     Every profile of the controller carries float32 and whole milliseconds.
     """
@@ -152,9 +156,7 @@ def check_sent(plan: FlatteningPlan, found: Findings) -> FlatteningPlan | None:
             continue
         begin, end = segment.contact
         if end >= segment.trajectory.duration - TIME_TOLERANCE:
-            end = (
-                sent.duration
-            )  # contact lasts to the end, which may come up to a millisecond later
+            end = sent.duration  # contact lasts to the end, which may be up to a millisecond later
         segments.append(dc.replace(segment, trajectory=sent, contact=(begin, end)))
         times = segment.trajectory.times
         off = np.abs(times - np.rint(1e3 * times) / 1e3)
@@ -206,7 +208,7 @@ def check_structure(plan: FlatteningPlan, found: Findings) -> None:
 
 
 def _check_contact(plan: FlatteningPlan, name: str, found: Findings) -> None:
-    """Fingers may meet the table from the plan pose on until the leave pose, and nowhere else."""
+    """Check that the contact window lies between the plan pose and the leave pose."""
     segment = next(segment for segment in plan.segments if segment.name == name)
     poses = {mark.name: mark.time for mark in segment.poses}
     begin, end = segment.contact
@@ -221,7 +223,7 @@ def _check_contact(plan: FlatteningPlan, name: str, found: Findings) -> None:
 
 
 def check_rest(plan: FlatteningPlan, start: Array, found: Findings) -> None:
-    """Check the start, rest at both ends of every segment, and continuity. Adds `start`, `rest`, `continuity`."""
+    """Check the start, rest at both ends of every segment, and continuity. Adds the checks `start`, `rest`, `continuity`."""
     first = plan.segments[0].trajectory.positions[0]
     _check_equal("start", first, start, START_TOLERANCE, "the robot stands", 0.0, plan, found)
     speed, where, when = 0.0, "", 0.0
@@ -278,7 +280,7 @@ def _check_equal(
 
 
 def check_grippers(plan: FlatteningPlan, cell: Cell, found: Findings) -> None:
-    """Check the gripper events against segments, states and the time a stroke takes. Adds the check `gripper`."""
+    """Check states, times and dwell of the gripper events. Adds the check `gripper`."""
     taking_part = (plan.arms[0] is not None, plan.arms[1] is not None)
     opened = (False, False)
     for segment, states in zip(plan.segments, (opened, taking_part, opened), strict=False):

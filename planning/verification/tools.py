@@ -1,8 +1,7 @@
-"""What the tools do at the working table over the whole time: place, posture, height and speed, not at marks only.
+"""Motion of the tools over whole legs: place, posture, height and speed, bounded between samples.
 
-Between two samples the motion is bounded from its second derivatives: a tool centre point leaves the chord of its positions by
-at most h^2 / 8 times a bound on its acceleration, a tool's axis likewise. Where that is too much, the leg is looked at on more
-times of the same cubic.
+Between two samples the deviation of a tool centre point from the chord of its positions is at most h^2 / 8 times a bound on its
+acceleration; the same holds for the tool's axes. Where that is too large, the leg is resampled at more times of the same cubic.
 """
 
 from collections.abc import Sequence
@@ -13,16 +12,18 @@ import numpy as np
 
 from unwrinkle.models.arrays import Array, Mask
 from unwrinkle.perception.target import HandTarget
-from unwrinkle.planning.verification.model import ARM_AXES, CellModel
+from unwrinkle.planning.verification.model import CellModel
 from unwrinkle.planning.verification.motion import Leg
 from unwrinkle.planning.verification.speed_bounds import derivative_bounds, distances_to_axes
 from unwrinkle.planning.verification.verdict import Findings
 
-#: Between two times looked at, a tool centre point may leave the chord by so much, m, and a tool's axis by so much, rad.
-SAG, TURN = 0.5e-3, 1e-3
-#: In a contact window a tool centre point is no further than this from its place on the table, m.
+#: Greatest deviation of a tool centre point from its chord between two times, m.
+SAG = 0.5e-3
+#: Greatest deviation of a tool's axis between two times, rad.
+TURN = 1e-3
+#: Greatest distance of a tool centre point from its place of work in a contact window, m.
 REACH = 0.150
-#: Times of one plan that are looked at, beyond its own samples.
+#: Limit of the times that are added to the samples of one plan.
 MOST_TIMES = 20_000
 
 
@@ -34,7 +35,7 @@ class ToolMotion:
         times: (n,) on the plan's clock, s.
         X_WT: (n, 4, 4) at the times.
         velocity: (n, 3) of the tool centre point in the world, m/s.
-        P2: (n-1,) bound on its acceleration against the turn-table in the intervals, m/s^2.
+        P2: (n-1,) bound on its acceleration relative to the turn-table in the intervals, m/s^2.
         Q2: (n-1,) bound on its acceleration in the world, m/s^2.
         P3: (n-1,) bound on its jerk in the world, m/s^3.
         W2: (n-1,) bound on the second derivative of the tool's axes, 1/s^2.
@@ -55,27 +56,27 @@ class ToolMotion:
 
     @cached_property
     def step(self) -> Array:
-        """(n-1,) s."""
+        """Lengths of the intervals, (n-1,), s."""
         return np.diff(self.times)
 
     @cached_property
     def sag(self) -> Array:
-        """(n-1,) how far positions leave their chord, m."""
+        """Bound on the deviation of positions from their chord, (n-1,), m."""
         return 0.125 * self.step**2 * self.Q2
 
     @cached_property
     def turn(self) -> Array:
-        """(n-1,) how far the axes leave the arc between their directions at the ends, rad; twice the chord's bound."""
+        """Bound on the deviation of the axes from the arc between their directions at the ends, (n-1,), rad: twice the chord's."""
         return 0.25 * self.step**2 * self.W2
 
     @cached_property
     def surge(self) -> Array:
-        """(n-1,) how far velocities leave their chord, m/s."""
+        """Bound on the deviation of velocities from their chord, (n-1,), m/s."""
         return 0.125 * self.step**2 * self.P3
 
 
 def tool_motion(model: CellModel, leg: Leg, X_WJ: Array, X_WT: Array, arm: int) -> ToolMotion:
-    """An arm's tool over a leg.
+    """Compute the motion of an arm's tool over a leg.
 
     Args:
         model: of the cell.
@@ -84,7 +85,7 @@ def tool_motion(model: CellModel, leg: Leg, X_WJ: Array, X_WT: Array, arm: int) 
         X_WT: (n, 4, 4) of the arm's tool centre point there.
         arm: 0 right, 1 left.
     """
-    chain = ARM_AXES[arm]
+    chain = model.tool_chains[arm]
     columns = list(chain)
     directions = model.axis_directions()
     p_WT = X_WT[:, :3, 3]
@@ -99,7 +100,7 @@ def tool_motion(model: CellModel, leg: Leg, X_WJ: Array, X_WT: Array, arm: int) 
     _, Q2, P3 = derivative_bounds(rho, step, w[:, columns], a[:, columns], j[:, columns])
     own = columns[1:]
     _, P2, _ = derivative_bounds(rho[:, 1:], step, w[:, own], a[:, own], j[:, own])
-    # A direction turns with all joints: |d''| <= |omega'| + |omega|^2.
+    # A direction rotates with all joints: |d''| <= |omega'| + |omega|^2.
     rates = w[:, columns]
     before = np.cumsum(rates, axis=1) - rates
     turning = a[:, columns].sum(axis=1) + (rates * before).sum(axis=1)
@@ -108,10 +109,10 @@ def tool_motion(model: CellModel, leg: Leg, X_WJ: Array, X_WT: Array, arm: int) 
 
 @dataclass(frozen=True, eq=False)
 class ToolLeg:
-    """A leg with both arms' tools, looked at closely enough.
+    """A leg with the motion of both arms' tools, sampled finely enough for the bounds above.
 
     Attributes:
-        leg: with as many samples as are looked at.
+        leg: the leg, possibly resampled.
         tools: of the right and the left arm.
     """
 
@@ -120,7 +121,7 @@ class ToolLeg:
 
     @cached_property
     def in_contact(self) -> Mask:
-        """(n-1,) intervals in the contact window."""
+        """Intervals (n-1,) in the contact window."""
         if self.leg.contact is None:
             return np.zeros(len(self.leg.step), dtype=bool)
         begin, end = self.leg.contact
@@ -129,17 +130,19 @@ class ToolLeg:
 
     @cached_property
     def working(self) -> Mask:
-        """(n-1,) intervals in which the tools work: contact windows, and while a gripper is closed."""
+        """Intervals (n-1,) in the contact window, or in which a gripper is closed."""
         return np.ones(len(self.leg.step), dtype=bool) if self.leg.held else self.in_contact
 
 
 def away_from_place(tool: ToolMotion, hand: HandTarget, share: float, model: CellModel) -> Array:
-    """How far a tool is from its place on the table, (n,), m: horizontally from the line between grasp and put-down, or above.
+    """Compute the distance (n,), m, of a tool from its place of work: horizontally from the line of its pull, or vertically.
+
+    The greater of the two is returned; the line runs from the grasp to the put-down point on the table.
 
     Args:
-        tool: the tool.
-        hand: of the target, that it serves.
-        share: of the hand's pull that it makes.
+        tool: motion of the tool.
+        hand: of the target, served by this tool.
+        share: of the hand's pull distance.
         model: of the cell.
     """
     way = share * hand.pull_distance * hand.pull_direction
@@ -159,15 +162,15 @@ def tool_legs(
     *,
     closely: bool,
 ) -> list[ToolLeg]:
-    """The segments with their tools.
+    """Compute the tools' motion over the segments, resampled where the bounds need it.
 
     Args:
         model: of the cell.
-        legs: the motion; gripper strokes are passed over.
-        frames: per leg what `CellModel.frames` gives at its samples.
-        near: height above the table below which tools are looked at closely too, m.
-        found: takes a violation `contact` where a plan needs more times than may be looked at.
-        closely: more times are put in where the samples do not tell enough; False for a motion that is refused anyway.
+        legs: the motion; gripper strokes are skipped.
+        frames: per leg the result of `CellModel.frames` at its samples.
+        near: height above the table below which the bounds must hold too, m.
+        found: receives a violation `contact` if a plan needs more times than the limit.
+        closely: resample; False for a motion that is refused anyway.
     """
     result = []
     left = MOST_TIMES
@@ -175,13 +178,13 @@ def tool_legs(
         if leg.name == "grippers":
             continue
         tools = [tool_motion(model, leg, X_WJ, X_WT[:, arm], arm) for arm in (0, 1)]
-        looked_at = ToolLeg(leg, (tools[0], tools[1]))
+        tool_leg = ToolLeg(leg, (tools[0], tools[1]))
         floor = model.table_height + near
-        times = _times(looked_at, floor) if closely else leg.times
+        times = _times(tool_leg, floor) if closely else leg.times
         if len(times) - len(leg.times) > left:
             found.fail(
                 "contact",
-                f"what the tools do during {leg.name} cannot be verified within {MOST_TIMES} configurations: its "
+                f"the motion of the tools during {leg.name} cannot be verified within {MOST_TIMES} configurations: its "
                 "samples are too far apart",
                 float(leg.times[0]),
             )
@@ -190,23 +193,23 @@ def tool_legs(
             finer = leg.at_times(times)
             X_WJ, X_WT = model.frames(finer.positions)
             tools = [tool_motion(model, finer, X_WJ, X_WT[:, arm], arm) for arm in (0, 1)]
-            looked_at = ToolLeg(finer, (tools[0], tools[1]))
-        result.append(looked_at)
+            tool_leg = ToolLeg(finer, (tools[0], tools[1]))
+        result.append(tool_leg)
     return result
 
 
-def _times(looked_at: ToolLeg, floor: float) -> Array:
-    """A leg's samples, the ends of its contact window, and as many times between as its tools' bounds ask for."""
-    leg = looked_at.leg
+def _times(tool_leg: ToolLeg, floor: float) -> Array:
+    """Return a leg's samples, the ends of its contact window, and the times between that the bounds need, s."""
+    leg = tool_leg.leg
     low, high = leg.contact or (np.inf, -np.inf)
-    # An interval that an end of the window cuts counts as working.
+    # An interval that contains an end of the window counts as working.
     working = (leg.times[1:] > low) & (leg.times[:-1] < high)
     working |= leg.held
-    for tool in looked_at.tools:
+    for tool in tool_leg.tools:
         z = tool.p_WT[:, 2]
         working |= np.minimum(z[:-1], z[1:]) - tool.sag < floor
     needed = np.ones(len(leg.step))
-    for tool in looked_at.tools:
+    for tool in tool_leg.tools:
         for value, most in ((tool.sag, SAG), (tool.turn, TURN)):
             needed = np.maximum(needed, np.sqrt(value / most))
     counts = np.where(working, np.ceil(np.minimum(needed, 2.0 * MOST_TIMES)), 1).astype(int)
@@ -216,7 +219,7 @@ def _times(looked_at: ToolLeg, floor: float) -> Array:
     if counts.sum() > 2 * MOST_TIMES + len(leg.times):
         return np.zeros(
             3 * MOST_TIMES + len(leg.times)
-        )  # more than is allowed; what they are does not matter
+        )  # refused by the caller: only the count matters
     inside = np.repeat(leg.times[:-1], counts)
     share = np.concatenate([np.arange(n) / n for n in counts])
     times = inside + share * np.repeat(leg.step[:, 0], counts)

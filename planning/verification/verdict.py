@@ -1,36 +1,36 @@
-"""What a verification says: every check with its margin, every violation, every pair's clearance."""
+"""Result of a verification: every check with its margin, every violation, the clearance of every pair."""
 
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-#: Kinds of violation, each with what it guards. A check has the name of the violations it can raise.
+#: Kinds of violation, each with the condition that is checked. A check has the name of its violations.
 CHECKS = {
-    "hash": "the plan's content, robot and limits are the ones it claims",
-    "speed": "not planned faster than the cell's speed fraction",
-    "numbers": "every number of the plan is one",
+    "hash": "content, robot and limits have the hashes that the plan states",
+    "speed": "the plan's speed fraction is no greater than the cell's",
+    "numbers": "every number of the plan is finite and plausible",
     "structure": "segments, poses and contact windows are the expected ones, on one clock",
-    "choice": "what the plan claims of each arm (hand, offset, tilt, share) is possible",
-    "gripper": "grippers change at rest, at the right time, with time enough",
-    "sent": "the controller can take it: whole milliseconds, float32",
+    "choice": "the plan's choice for each arm (hand, offset, tilt, share) is possible",
+    "gripper": "grippers change state at rest, at the right time, with enough dwell",
+    "sent": "the controller can represent it: whole milliseconds, float32",
     "start": "the motion begins where the robot stands",
     "rest": "every segment begins and ends at rest",
     "continuity": "every segment begins where the one before ended",
-    "kinematics": "the robot's numbers and its models put the tools in the same place",
+    "kinematics": "robot.yaml and the model files give the same tool poses",
     "position": "axis positions",
     "velocity": "axis velocities",
     "acceleration": "axis accelerations",
     "jerk": "axis jerks",
     "acceleration_jump": "jumps of acceleration between cubic pieces",
-    "turntable": "the turn-table's angle is the claimed one during contact, and constant where it is fixed",
+    "turntable": "the turn-table has the plan's angle during contact, and does not move where it is fixed",
     "clearance": "distances between bodies",
-    "finger_table": "fingers and the working table",
-    "contact": "contact windows and named poses are where the tools are at the working place",
+    "finger_table": "distance of the fingers from the working table",
+    "contact": "in contact windows and at named poses the tools are at the place of work",
     "table": "grasp, pull and put-down on the working table",
     "tip_speed": "speed of the tool centre points while a gripper is closed",
     "sliding": "speed of open fingers along the table, near it",
     "sinking": "speed of open fingers towards the table, near it",
-    "stretch": "distance of the grippers over the cloth between them",
-    "slack": "way back of the grippers while they hold",
+    "stretch": "distance of the grippers against the length of cloth between them",
+    "slack": "backward motion of the grippers while they hold",
     "grasp": "tool centre points when the grippers close",
     "pull": "tool centre points along the pull's line, near the table, while a gripper is closed",
     "put_down": "tool centre points when the grippers open",
@@ -39,8 +39,8 @@ CHECKS = {
     "roll": "blades flat to the table during contact and holding",
 }
 
-#: Kinds of pairs that are near by design: fingers and table meet, neighbours are joined.
-MEANT = ("finger-table", "self", "adjacent")
+#: Kinds of pairs that are near by design: fingers and table meet, adjacent links are joined.
+NEAR_BY_DESIGN = ("finger-table", "self", "adjacent")
 
 
 @dataclass(frozen=True)
@@ -49,10 +49,10 @@ class Check:
 
     Attributes:
         name: key of `CHECKS`.
-        passed: whether nothing was wrong.
-        value: worst value found; None where the check is not about a number.
-        limit: what it may at most (or at least) be.
-        margin: by how much the limit is kept; negative where it is broken.
+        passed: whether it has no violation.
+        value: worst value found; None for a check without a number.
+        limit: of the value, upper or lower.
+        margin: distance of the value from the limit; negative where the limit is broken.
         unit: of value, limit and margin ("" for ratios).
         where: axis, arm or pair of bodies.
         time: of the worst value on the plan's clock, s.
@@ -70,12 +70,12 @@ class Check:
 
 @dataclass(frozen=True)
 class Violation:
-    """One thing that is wrong.
+    """A condition that the plan breaks.
 
     Attributes:
         kind: key of `CHECKS`.
-        message: what, where, which limit, by how much, in one sentence.
-        time: on the plan's clock, s; None where it is not about a time.
+        message: one sentence with the figures and the limit.
+        time: on the plan's clock, s; None where it has no time.
     """
 
     kind: str
@@ -85,7 +85,7 @@ class Violation:
 
 @dataclass(frozen=True)
 class PairClearance:
-    """How near two bodies come. All lengths in m.
+    """Smallest distance of two bodies over a plan. All lengths in m.
 
     Attributes:
         bodies: scoped names.
@@ -93,7 +93,7 @@ class PairClearance:
         distance: smallest geometric distance of the collision shapes found at a checked time (negative:
             depth of penetration); the padding is not subtracted.
         time: of that distance on the plan's clock, s.
-        bound: no time of the plan, on or between samples, has a smaller distance; proven.
+        bound: lower bound of the distance at any time of the plan, at and between samples.
         required: padding demanded where the margin is smallest (fingers need none over the working table
             while they are meant to touch it).
         margin: smallest difference of a distance found and the padding required at that time.
@@ -110,7 +110,7 @@ class PairClearance:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a plan may be executed, and why.
+    """Result of verifying one plan.
 
     Attributes:
         plan_hash: content hash of the plan that was verified.
@@ -119,8 +119,8 @@ class Verdict:
         checks: one per entry of `CHECKS` that applies.
         violations: empty for a plan that passes.
         clearances: per pair of bodies that came within the search distance, nearest to its padding first.
-        elsewhere: all other pairs are at every time at least this far apart, m; proven.
-        queries: number of configurations in which distances were computed; 0 where the plan was refused before.
+        elsewhere: lower bound of the distance of all other pairs at any time, m.
+        queries: number of configurations in which distances were measured; 0 if an earlier check refused the plan.
     """
 
     plan_hash: str
@@ -134,24 +134,23 @@ class Verdict:
 
     @property
     def passed(self) -> bool:
-        """Whether nothing was wrong."""
+        """Whether the plan has no violation."""
         return not self.violations
 
     @property
     def smallest(self) -> PairClearance | None:
-        """The pair whose shapes come nearest, of all that must not touch.
+        """The pair with the smallest distance, of all that must not touch; None if no such pair came near.
 
-        Left out are the fingers and the working table, which are meant to meet, and pairs of one arm and
-        of a joint's neighbours, which are near by construction. None if no other pair came near.
+        Pairs that are near by design are left out: fingers and working table, links of one arm, adjacent links.
         """
-        pairs = [pair for pair in self.clearances if pair.kind not in MEANT]
+        pairs = [pair for pair in self.clearances if pair.kind not in NEAR_BY_DESIGN]
         return min(pairs, key=lambda pair: pair.distance, default=None)
 
     def check(self, name: str) -> Check:
-        """The check of that name.
+        """Return the check of a name.
 
         Raises:
-            KeyError: it was not made.
+            KeyError: the check was not made.
         """
         for check in self.checks:
             if check.name == name:
@@ -159,7 +158,7 @@ class Verdict:
         raise KeyError(name)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain lists, numbers and strings."""
+        """Convert to plain lists, numbers and strings."""
         smallest = self.smallest
         return {
             "passed": self.passed,
@@ -175,7 +174,7 @@ class Verdict:
         }
 
     def rows(self) -> list[tuple[str, str, str, str, str, str]]:
-        """The checks as text: name, result, worst value, limit, margin, where and when."""
+        """Return the checks as text: name, result, worst value, limit, margin, place and time."""
         return [
             (
                 check.name.replace("_", " "),
@@ -189,7 +188,7 @@ class Verdict:
         ]
 
     def clearance_rows(self, count: int = 12) -> list[tuple[str, str, str, str, str, str]]:
-        """The pairs nearest to their padding: bodies, kind, distance, proven bound, required, time."""
+        """Return the pairs with the smallest margins as text: bodies, kind, distance, bound, required, time."""
         return [
             (
                 " - ".join(pair.bodies),
@@ -203,19 +202,21 @@ class Verdict:
         ]
 
     def summary(self) -> str:
-        """One or two sentences: pass or not, and the smallest clearance."""
+        """Return one sentence: whether the plan is verified, and the smallest clearance."""
         pair = self.smallest
         near = f"no two bodies nearer than {1e3 * self.elsewhere:.0f} mm"
         if pair is not None:
             near = (
                 f"smallest clearance {1e3 * pair.distance:.1f} mm between {' and '.join(pair.bodies)} at "
-                f"{pair.time:.3f} s (required {1e3 * pair.required:.0f} mm, proven never below "
+                f"{pair.time:.3f} s (required {1e3 * pair.required:.0f} mm, at any time at least "
                 f"{1e3 * pair.bound:.1f} mm)"
             )
         if self.queries == 0 and not self.passed:
-            near = "distances were not computed, since what comes before is broken"
+            near = "distances were not computed, because an earlier check failed"
         count = len(self.violations)
-        state = "safe" if self.passed else f"NOT safe: {count} violation{'s' if count > 1 else ''}"
+        state = "verified against the model of the cell"
+        if not self.passed:
+            state = f"NOT verified: {count} violation{'s' if count > 1 else ''}"
         return f"plan {self.plan_hash[:12]} is {state}; {near}"
 
 
@@ -228,15 +229,19 @@ def _quantity(value: float | None, unit: str) -> str:
 
 
 class Findings:
-    """Collects checks and violations while a verification runs."""
+    """Collector of checks and violations during a verification."""
 
     def __init__(self) -> None:
-        """Nothing found yet."""
+        """Start without any."""
         self.violations: list[Violation] = []
         self._checks: dict[str, Check] = {}
 
     def fail(self, kind: str, message: str, time: float | None = None) -> None:
-        """Note a violation."""
+        """Add a violation.
+
+        Raises:
+            KeyError: the kind is none of `CHECKS`.
+        """
         if kind not in CHECKS:
             raise KeyError(kind)
         self.violations.append(Violation(kind, message, time))
@@ -251,20 +256,20 @@ class Findings:
         where: str = "",
         time: float | None = None,
     ) -> None:
-        """Note a check and its worst value; of several with one name the one with the least margin stays.
+        """Add a check and its worst value; of several of one name the one with the least margin is kept.
 
-        Whether it passed follows from the violations of that kind.
+        A check passes unless there is a violation of its kind.
         """
         before = self._checks.get(name)
         if before is None or (margin or 0.0) < (before.margin or 0.0):
             self._checks[name] = Check(name, True, value, limit, margin, unit, where, time)
 
     def failed(self, *kinds: str) -> bool:
-        """Whether there is a violation of one of the kinds."""
+        """Return whether there is a violation of one of the kinds."""
         return any(violation.kind in kinds for violation in self.violations)
 
     def checks(self) -> tuple[Check, ...]:
-        """The checks, with their results; also those that only left violations behind."""
+        """Return the checks with their results, violations without a check included."""
         failed = {violation.kind for violation in self.violations}
         return tuple(
             replace(self._checks.get(name, Check(name, True)), passed=name not in failed)

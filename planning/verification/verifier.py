@@ -1,22 +1,22 @@
-"""Independent verification of a flattening plan: the motion that the controller makes of what it is sent.
+"""Independent verification of a flattening plan against the model of the cell.
 
-Shares nothing with the planner but the models and the plan's types. What it says of a plan that passes, for the cubic motion
-that the controller makes of the samples as it takes them (whole milliseconds, float32; every profile does), with Drake's model
-of the cell:
+It shares only the models and the plan's types with the planner. The motion that is verified is the cubic interpolation of the
+samples as the controller takes them (whole milliseconds, float32, in every profile). For a plan that passes, the following holds
+for that motion in Drake's model of the cell:
 
-- position, velocity, acceleration and jerk of every axis keep their limits at every time (exact extremes), and acceleration
+- position, velocity, acceleration and jerk of every axis keep their limits at every time (exact extremes), and the acceleration
   jumps between cubic pieces by no more than a motion of that jerk allows;
-- every pair of bodies that move against each other keeps its padding at every sample (to 0.01 mm), and nowhere between
-  samples comes more than 1 mm below it, nor into contact; the strokes of the grippers included. Fingers meet the working table
-  only in the contact windows, which lie where the tools are at their place, and sink into it by no more than 0.1 mm anywhere;
-- over the whole of contact and holding the tools have the claimed posture, within the gripper's window, and the turn-table
-  its claimed angle; while cloth is held they stay on the line of the pull, low, within the speed limit, and the grippers
-  within their greatest distance; open fingers near the table keep their speeds;
-- grasp, pull and put-down lie on the working table;
-- segments, gripper events, named poses, start, rest, continuity and hashes are what they have to be.
+- every pair of bodies that move against each other keeps its clearance at every sample (to 0.01 mm); between samples it is at no
+  time more than 1 mm below it, and never in contact; gripper strokes are included. Fingers touch the working table in contact
+  windows only, in which the tools are at the place of work, and penetrate it by no more than 0.1 mm;
+- during contact and holding the tools have the posture that the plan states, within the gripper's window, and the turn-table has
+  the angle that the plan states; while cloth is held the tools stay on the line of the pull, below the holding height and the
+  speed limit, and the grippers below their greatest distance; open fingers near the table keep their speed limits;
+- grasp, pull and put-down points lie on the working table;
+- segments, gripper events, named poses, start, rest, continuity and hashes are as required.
 
-It assumes rigid bodies of exactly the modelled shapes, exact tracking, the stereo head resting at the scenario's gaze, both
-grippers open at the start, and takes no notice of the garment. Its work is bounded: a plan that needs more is refused.
+Assumptions: rigid bodies of exactly the modelled shapes, exact tracking, the stereo head at rest at the scenario's gaze, both
+grippers open at the start. The garment is not modelled. The work is bounded: a plan that exceeds the bound is refused.
 """
 
 import logging
@@ -53,32 +53,33 @@ from unwrinkle.planning.verification.verdict import Findings, Verdict
 
 _log = logging.getLogger(__name__)
 
-# Building a cell's model takes as long as a verification.
+# Building the model of a cell takes about as long as one verification.
 _models: WeakKeyDictionary[Cell, CellModel] = WeakKeyDictionary()
 
 
 def verify(plan: FlatteningPlan, cell: Cell, *, start: ArrayLike | None = None) -> Verdict:
-    """Check a plan and say what was found.
+    """Verify a plan against the model of a cell.
 
     Args:
-        plan: what is to be executed.
-        cell: where. Its limits count at the plan's speed fraction, which may not exceed the scenario's.
-        start: (13,) where the robot stands, rad; home if left out.
+        plan: to be executed.
+        cell: the robot in its cell. Its limits are taken at the plan's speed fraction, which may not exceed the scenario's.
+        start: (axes,) configuration in which the robot stands, rad; home if left out.
 
     Returns:
-        A verdict; a bad plan is a value with violations, not an exception.
+        A verdict; a plan that fails gives violations, not an exception.
 
     Raises:
-        InputError: `start` is not 13 finite numbers, or the cell's models do not fit together.
+        InputError: `start` is not one finite number per axis, or the cell's models do not fit together.
     """
     clock = time.perf_counter()
     home = cell.robot.named_states["home"]
     standing = np.array(home if start is None else start, dtype=float)
-    if standing.shape != (13,) or not np.all(np.isfinite(standing)):
-        raise InputError(f"the start has shape {standing.shape}, expected 13 finite numbers")
+    count = len(cell.robot.axes)
+    if standing.shape != (count,) or not np.all(np.isfinite(standing)):
+        raise InputError(f"the start has shape {standing.shape}, expected {count} finite numbers")
     found = Findings()
     check_numbers(plan, found)
-    # The same cell at the same speed is kept as it is, since it may hold limits of its own.
+    # At the same speed the cell itself is used, since its limits may differ from those of its files.
     report, slower = ClearanceReport((), 0.0, 0), cell
     if not found.failed("numbers"):
         check_speed(plan, cell, found)
@@ -105,17 +106,17 @@ def verify(plan: FlatteningPlan, cell: Cell, *, start: ArrayLike | None = None) 
 def _check_motion(
     plan: FlatteningPlan, cell: Cell, slower: Cell, standing: Array, found: Findings
 ) -> ClearanceReport:
-    """All checks of a plan whose numbers are numbers.
+    """Run all checks of a plan whose numbers are finite.
 
     Args:
         plan: the plan.
-        cell: where.
+        cell: the robot in its cell.
         slower: the same cell with the limits at the plan's speed.
-        standing: (13,) where the robot stands, rad.
-        found: takes checks and violations.
+        standing: (axes,) configuration in which the robot stands, rad.
+        found: receives checks and violations.
 
     Returns:
-        Clearances; none where a plan breaks its limits: then there is no motion worth a proof.
+        Clearances; none where the plan breaks its joint limits.
     """
     check_structure(plan, found)
     check_choice(plan, found)
@@ -145,7 +146,7 @@ def _check_motion(
 
 
 def cell_model(cell: Cell) -> CellModel:
-    """The verification's model of a cell, built once per cell."""
+    """Return the verification's model of a cell, built once per cell."""
     if cell not in _models:
         _models[cell] = CellModel(cell)
     return _models[cell]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from unwrinkle.models.cloth import ClothMaterial
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.table import Table
 from unwrinkle.simulation.cloth._solver.arrays import cloth_arrays
 from unwrinkle.simulation.cloth._solver.memory import ClothMemory
 from unwrinkle.simulation.cloth.outlines import Outline
@@ -24,11 +25,10 @@ from unwrinkle.simulation.cloth.state import (
     ClothState,
     Grip,
     Grips,
-    Support,
     checked_pose,
 )
 
-__all__ = ["Cloth", "ClothError", "ClothState", "Grip", "Support"]
+__all__ = ["Cloth", "ClothError", "ClothState", "Grip"]
 
 GRAVITY = (0.0, 0.0, -9.81)  # m/s^2
 GRASP_RADIUS = 0.015  # m: of the patch that a closed gripper holds
@@ -53,7 +53,7 @@ class Cloth:
         self,
         outline: Outline,
         material: ClothMaterial,
-        support: Support,
+        table: Table,
         *,
         time_step: float = 1e-3,
         gravity: tuple[float, float, float] = GRAVITY,
@@ -65,7 +65,7 @@ class Cloth:
         Args:
             outline: which nodes are cloth.
             material: of the cloth.
-            support: the table.
+            table: cloth beyond its edge falls to the floor at z = 0.
             time_step: of one substep, s.
             gravity: in the world, m/s^2; tilted, the table is an incline.
             clamped: numbers of nodes that stay where they are.
@@ -96,7 +96,7 @@ class Cloth:
             )
         self.outline = outline
         self.material = material
-        self.support = support
+        self.table = table
         self.time_step = float(time_step)
         self.gravity = (float(gravity[0]), float(gravity[1]), float(gravity[2]))
         self.grasp_radius = float(grasp_radius)
@@ -107,7 +107,7 @@ class Cloth:
             outline.mask,
             outline.spacing,
             material,
-            support,
+            table,
             self.gravity,
             self.time_step,
         )
@@ -120,7 +120,7 @@ class Cloth:
     @property
     def flat_height(self) -> float:
         """Height of the nodes of a cloth that lies flat on the table, m: half its thickness above."""
-        return self.support.height + 0.5 * self.material.thickness
+        return self.table.height + 0.5 * self.material.thickness
 
     @property
     def numbers(self) -> NDArray[np.intp]:
@@ -163,8 +163,8 @@ class Cloth:
             raise InputError(f"cloth: centre {centre}, yaw {yaw}; give finite (x, y) and angle")
         turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
         place = self.outline.plane.reshape(-1, 2) @ turn.T + np.asarray(centre)
-        reach = np.abs(place[self.numbers] - self.support.centre).max(axis=0)
-        over = float((reach - 0.5 * np.asarray(self.support.size)).max())
+        reach = np.abs(place[self.numbers] - self.table.centre).max(axis=0)
+        over = float((reach - 0.5 * np.asarray(self.table.size)).max())
         if over > 1e-9:
             raise InputError(
                 f"cloth: a flat {self.outline.name} at ({centre[0]:g}, {centre[1]:g}) reaches "

@@ -111,7 +111,7 @@ def catch(
     withheld = 0.0
     for (low, high, end), count in zip(tips, counts, strict=True):
         lowest = min((X @ np.array([0.0, y, end, 1.0]))[2] for y in (low, high))
-        room = lowest - cloth.support.height - count * cloth.material.thickness
+        room = lowest - cloth.table.height - count * cloth.material.thickness
         withheld = max(withheld, room / X[2, 2])
     X[:3, 3] -= withheld * X[:3, 2]
     # Seen from the tool further up, the cloth is further down.
@@ -172,7 +172,7 @@ def lift(
     state = cloth.advance(state, hold)
     after = cloth.vertices(state)[:, 2]
     cell = cloth.outline.area / len(after)
-    up = (after > cloth.support.height + _LIFTED) & (after > before + _LIFTED)
+    up = (after > cloth.table.height + _LIFTED) & (after > before + _LIFTED)
     off = after > cloth.flat_height + cloth.material.thickness
     weight = float(off.sum()) * cell * cloth.material.areal_density * -GRAVITY[2]
     return Lift(state, float(up.sum()) * cell, weight)

@@ -19,30 +19,6 @@ class ClothError(UnwrinkleError):
     """The simulated cloth got into a state that cannot be: not finite, torn apart, or a knot."""
 
 
-@dataclass(frozen=True)
-class Support:
-    """The table: cloth beyond its edge falls to the floor at z = 0.
-
-    Attributes:
-        centre: world x, y of its top, m.
-        size: along x and y, m.
-        height: of its top above the floor, m.
-    """
-
-    centre: tuple[float, float]
-    size: tuple[float, float]
-    height: float
-
-    def __post_init__(self) -> None:
-        """Refuse what is no table."""
-        values = np.array([*self.centre, *self.size, self.height], dtype=float)
-        if values.shape != (5,) or not np.isfinite(values).all() or values[2:].min() <= 0.0:
-            raise InputError(
-                f"cloth's support {self}: give centre (x, y), size (x, y) and height in metres, "
-                "the last three above 0"
-            )
-
-
 def checked_pose(X: NDArray[np.floating[Any]], what: str) -> NDArray[np.float64]:
     """Return the rigid pose `X` (4, 4), read-only.
 

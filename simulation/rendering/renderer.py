@@ -44,6 +44,7 @@ from pydrake.systems.sensors import CameraInfo
 from unwrinkle.models.arrays import Pose
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell, add_cell, position_indices, scoped
+from unwrinkle.models.table import Table
 from unwrinkle.perception.camera import Camera
 from unwrinkle.simulation.rendering.meshes import TexturedMesh, rectangle_mesh
 from unwrinkle.simulation.rendering.textures import wood
@@ -51,8 +52,6 @@ from unwrinkle.simulation.rendering.textures import wood
 _RENDERER = "vtk"
 _NEAR = 0.40  # beyond the lens body, which stands before its own camera's optical centre
 _FAR = 8.0
-_TABLE_CENTRE = (0.0, -1.2, 0.70)
-_TABLE_SIZE = (0.8, 0.8)
 _TABLE_THICKNESS = 0.15
 _MOST_DRAWN = 20_000_000  # pixels drawn at once; beyond, memory grows to gigabytes
 _SUNK = 0.001  # the slab's top lies so far under the textured one
@@ -114,7 +113,7 @@ class Renderer:
 
     def __init__(
         self,
-        cell: Cell | None,
+        place: Cell | Table,
         items: Sequence[TexturedMesh] = (),
         *,
         lights: Sequence[Light] = LIGHTS,
@@ -126,7 +125,7 @@ class Renderer:
         """Build the scene; takes a second or two for a fine mesh.
 
         Args:
-            cell: the robot's cell; None for its working table alone.
+            place: the robot's cell, or a working table alone.
             items: what lies or stands in it, each under its own name.
             lights: fixed in the world.
             posture: (13,) of turn-table, right arm, left arm, radians; None is home (zeros).
@@ -137,7 +136,7 @@ class Renderer:
         Raises:
             InputError: two items have one name, or a posture has another shape.
         """
-        self._cell = cell
+        cell = self._cell = place if isinstance(place, Cell) else None
         self._near = near
         builder = RobotDiagramBuilder(time_step=0.0)
         plant, scene_graph = builder.plant(), builder.scene_graph()
@@ -149,11 +148,9 @@ class Renderer:
         self._frames: dict[str, FrameId] = {}
         self._poses: dict[str, RigidTransform] = {}
         self._shapes: dict[str, GeometryId] = {}
-        centre, size = np.array(_TABLE_CENTRE), _TABLE_SIZE
         if cell is not None:
             _hide_table(cell, plant, scene_graph)
-            centre, size = cell.table_centre, _table_size(cell)
-        _add_table(scene_graph, source, centre, size)
+        _add_table(scene_graph, source, place.table if isinstance(place, Cell) else place)
         for item in items:
             if item.name in self._frames:
                 raise InputError(f"scene: two items are called {item.name!r}; name them apart")
@@ -366,25 +363,18 @@ def _hide_table(cell: Cell, plant: Any, scene_graph: Any) -> None:
     inspector = scene_graph.model_inspector()
     for geometry in inspector.GetGeometries(frame, Role.kPerception):
         shape = inspector.GetShape(geometry)
-        if isinstance(shape, Box) and np.allclose(shape.size()[:2], _table_size(cell)):
+        if isinstance(shape, Box) and np.allclose(shape.size()[:2], cell.table.size):
             scene_graph.RemoveRole(plant.get_source_id(), geometry, Role.kPerception)
 
 
-def _table_size(cell: Cell) -> tuple[float, float]:
-    across, along = cell.scenario.table.size
-    return across, along
-
-
-def _add_table(
-    scene_graph: Any, source: Any, centre: NDArray[np.float64], size: tuple[float, float]
-) -> None:
+def _add_table(scene_graph: Any, source: Any, table: Table) -> None:
     X_WT = np.eye(4)
-    X_WT[:3, 3] = centre
-    top = rectangle_mesh("table top", size, wood(size))
+    X_WT[:3, 3] = table.top_centre
+    top = rectangle_mesh("table top", table.size, wood(table.size))
     scene_graph.RegisterAnchoredGeometry(source, _geometry(top, _transform(X_WT)))
     thickness = _TABLE_THICKNESS - _SUNK
     X_WT[2, 3] -= _SUNK + 0.5 * thickness
-    slab = GeometryInstance(_transform(X_WT), Box(*size, thickness), "table slab")
+    slab = GeometryInstance(_transform(X_WT), Box(*table.size, thickness), "table slab")
     scene_graph.RegisterAnchoredGeometry(source, _seen(slab, Rgba(0.55, 0.45, 0.33)))
 
 

@@ -62,7 +62,7 @@ def true_range_map(
         garment=garment,
         resolution=profile.resolution,
         origin=origin,
-        table_height=cloth.support.height,
+        table_height=cloth.table.height,
         sensor=sensor,
     )
 
@@ -79,7 +79,7 @@ def _noise(shape: tuple[int, ...], blur: float, rng: np.random.Generator) -> NDA
 def _on_table(
     cloth: Cloth, origin: NDArray[np.float64], resolution: float, shape: tuple[int, ...]
 ) -> NDArray[np.bool_]:
-    centre, half = np.asarray(cloth.support.centre), 0.5 * np.asarray(cloth.support.size)
+    centre, half = np.asarray(cloth.table.centre), 0.5 * np.asarray(cloth.table.size)
     x = origin[0] + resolution * np.arange(shape[1])
     y = origin[1] + resolution * np.arange(shape[0])
     on_x, on_y = np.abs(x - centre[0]) <= half[0], np.abs(y - centre[1]) <= half[1]

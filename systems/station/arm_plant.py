@@ -1,7 +1,7 @@
 """The robot's bodies and motors: a discrete plant with stiff servos at every joint.
 
 There is no contact and next to no gravity in it: the fingers' play with the cloth is the cloth
-system's affair, plans are proven free of collision, and the servos of the real robot carry its weight.
+system's affair, plans are verified against collision, and the servos of the real robot carry its weight.
 """
 
 from dataclasses import dataclass

@@ -22,7 +22,7 @@ from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.stereo.head import StereoHead
-from unwrinkle.simulation.cloth.cloth import Cloth, ClothState, Support
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.outlines import outline
 from unwrinkle.systems.station.arm_plant import (
     ArmPlant,
@@ -190,7 +190,7 @@ def simulated_cloth(cell: Cell) -> Cloth:
     Raises:
         InputError: an unknown outline or material, or a garment that is bigger than the table.
     """
-    garment, table = cell.scenario.station.garment, cell.scenario.table
+    garment, table = cell.scenario.station.garment, cell.table
     shape = outline(garment.outline, garment.nodes)
     size = shape.spacing * (np.array(shape.mask.shape) - 1)
     if np.any(size > np.array(table.size)):
@@ -198,9 +198,7 @@ def simulated_cloth(cell: Cell) -> Cloth:
             f"a {garment.outline} of {size[0]:.2f} x {size[1]:.2f} m is bigger than the table of "
             f"{table.size[0]:.2f} x {table.size[1]:.2f} m; choose a smaller garment or another table"
         )
-    x, y, height = (float(value) for value in cell.table_centre)
-    support = Support((x, y), (table.size[0], table.size[1]), height)
-    return Cloth(shape, load_material(garment.material), support)
+    return Cloth(shape, load_material(garment.material), table)
 
 
 def start_posture(cell: Cell, cloth: Cloth, start: NDArray[np.floating] | None) -> Array:

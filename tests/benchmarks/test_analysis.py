@@ -1,6 +1,7 @@
 import pytest
 
 from unwrinkle.benchmarks import analysis
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.perception.wrinkles.analysis import analyse
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge
 
@@ -13,7 +14,7 @@ def test_the_formulas():
 
 def test_compare_sees_what_is_missed_and_what_is_too_much():
     towel, other = analysis.ridged_towel(0), analysis.ridged_towel(1)
-    found = analyse(analysis.map_of(towel, 0.001))
+    found = analyse(analysis.map_of(towel, 0.001), table=TABLE)
     assert analysis.compare(towel, found)["missed"] == 0
     assert max(analysis.compare(other, found)["width"], default=1.0) > 0.0003
     assert not analysis.crossing_separated(analysis.crossed_towel(0), found)

@@ -8,17 +8,16 @@ from numpy.typing import NDArray
 
 from unwrinkle.benchmarks import _baseline_policies as policies
 from unwrinkle.benchmarks._baseline_policies import POLICIES, Pull, carried_out
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.cloth import load_material
 from unwrinkle.perception.range_map import RangeMap
-from unwrinkle.perception.wrinkles.targeting import TableTop
-from unwrinkle.simulation.cloth.cloth import Cloth, ClothState, Support
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.initial_states import ridge
 from unwrinkle.simulation.cloth.measures import coverage
 from unwrinkle.simulation.cloth.outlines import outline
 from unwrinkle.systems.perception.true_range_map import true_range_map
 
 CENTRE = (0.0, -1.10)
-TABLE = TableTop(margin=policies.MARGIN)
 SPACE = 0.002
 
 
@@ -49,7 +48,7 @@ def ask(name: str, look: RangeMap, before: list[Pull] | None = None, seed: int =
 
 @pytest.fixture(scope="module")
 def cloth() -> Cloth:
-    support = Support((0.0, -1.2), (0.8, 0.8), 0.7)
+    support = TABLE
     return Cloth(outline("towel", 40), load_material("terry"), support)
 
 

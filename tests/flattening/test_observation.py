@@ -5,6 +5,7 @@ import dataclasses as dc
 import numpy as np
 import pytest
 
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.flattening.observation import GarmentFeatures, Observation, WrinkleFeatures
 from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.perception.range_map import RangeMap
@@ -27,7 +28,7 @@ def test_a_ridge_that_rises_towards_the_rim_is_as_high_as_at_its_highest():
         table_height=0.7,
         sensor="stereo-head",
     )
-    analysis = analyse(seen)
+    analysis = analyse(seen, table=TABLE)
     sight = Observation.of(analysis).features
     assert analysis.wrinkles[0].peak_height < 0.004
     assert 0.0043 < sight.wrinkles[0].height < 0.0062

@@ -5,6 +5,7 @@ import dataclasses as dc
 import numpy as np
 import pytest
 
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.flattening.observation import Observation, WrinkleFeatures
 from unwrinkle.flattening.policy import (
     GarmentFeatures,
@@ -77,7 +78,7 @@ def test_a_pull_works_on_the_wrinkles_that_its_section_crosses() -> None:
         table_height=0.7,
         sensor="stereo-head",
     )
-    analysis = analyse(seen)
+    analysis = analyse(seen, table=TABLE)
     wrinkles = analysis.wrinkles[:3]
     upright = next(k for k, w in enumerate(wrinkles) if abs(w.direction[1]) > 0.9)
     volumes = np.exp([w.volume_score for w in wrinkles])

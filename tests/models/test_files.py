@@ -1,5 +1,6 @@
 """Files are written whole or not at all."""
 
+import errno
 import json
 import zipfile
 from pathlib import Path
@@ -47,6 +48,24 @@ def test_unwritable_place_is_bad_input(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot write"):
         write_text(tmp_path / "folder", "x")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder"]
+
+
+def test_errors_of_the_body_about_other_files_are_passed_on(tmp_path: Path) -> None:
+    path = tmp_path / "page.md"
+    with pytest.raises(FileNotFoundError) as caught, atomic_path(path):
+        (tmp_path / "picture.png").read_bytes()
+    assert caught.value.filename == str(tmp_path / "picture.png")
+    with pytest.raises(ConnectionError), atomic_path(path):
+        raise ConnectionError("peer")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_is_named_with_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "page.md"
+    with pytest.raises(InputError, match=r"page\.md"), atomic_path(path) as temporary:
+        temporary.write_text("half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_json_takes_numpy(tmp_path: Path) -> None:

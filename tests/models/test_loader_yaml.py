@@ -64,3 +64,32 @@ def test_own_check_of_a_frozen_schema_names_the_file(tmp_path: Path) -> None:
 def test_missing_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file"):
         load_yaml(tmp_path / "absent.yaml", Open)
+
+
+@dataclass
+class Nested:
+    part: Open = field(default_factory=Open)
+    date: str = ""
+    size: float = 0.0
+
+
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        ("part: {size: wide}\nsize: 1", "(key part.size)"),
+        ("part: {size: 1, colour: red}", "(key part.colour)"),
+        ("size: []\npart: {name: '[]'}", "(key size)"),
+        ("size: 1\npart: {size: x, name: x}", "(key part.size)"),
+        ("date: 2024-05-01", "(key date; put it in quotes)"),
+    ],
+)
+def test_the_key_with_the_wrong_value_is_named(tmp_path: Path, text: str, key: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_yaml(_write(tmp_path, text), Nested)
+    assert str(caught.value).endswith(key)
+
+
+def test_the_key_of_a_child_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        load_yaml(_write(tmp_path, "a: {size: wide}\nb: {size: 1}"), Open, child="a")
+    assert str(caught.value).endswith("(key size)")

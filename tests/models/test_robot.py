@@ -1,6 +1,7 @@
 """The cell's models: golden values of the robot's kinematics, limits, hashes."""
 
 import dataclasses as dc
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,13 @@ from pydrake.multibody.tree import JointIndex
 
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.limits import load_limits
-from unwrinkle.models.robot import Cell, build_robot_diagram, load_cell, position_indices
+from unwrinkle.models.robot import (
+    Cell,
+    build_robot_diagram,
+    load_cell,
+    model_file,
+    position_indices,
+)
 from unwrinkle.models.scenario import load_scenario, resolve
 
 BENT = np.array([0.3, 0.2, -0.1, 0.4, 0.5, -0.6])
@@ -288,3 +295,28 @@ def test_settings_of_the_tools_that_are_none(cell, key, value):
     tools = dc.replace(cell.scenario.tools, **{key: value})
     with pytest.raises(InputError, match=f"tools {key}"):
         dc.replace(cell.scenario, tools=tools).validate()
+
+
+@pytest.mark.parametrize(
+    ("line", "instead"),
+    [
+        ("turntable_axis: 0\n", ""),
+        ("turntable_axis: 0\n", "turntable_axis: 1\n"),
+        ("axes: [7, 8, 9, 10, 11, 12]", "axes: [7, 8, 9, 10, 11]"),
+        ("axes: [7, 8, 9, 10, 11, 12]", "axes: [1, 2, 3, 4, 5, 6]"),
+        ("gripper: r2_gripper, ", ""),
+        ("palm: palm\n", ""),
+        ("palm: palm\n", "palm: lower_finger\n"),
+        ("fingers: [lower_finger, upper_finger]\n", ""),
+        ("- [r1::link_2, turntable::r750]\n", "- [r1::link_2]\n"),
+    ],
+)
+def test_a_robot_without_a_complete_set_of_roles_is_refused(
+    tmp_path: Path, line: str, instead: str
+) -> None:
+    text = model_file("robot.yaml").read_text(encoding="utf-8")
+    assert line in text
+    path = tmp_path / "robot.yaml"
+    path.write_text(text.replace(line, instead), encoding="utf-8")
+    with pytest.raises(InputError):
+        load_cell(dc.replace(load_scenario(), robot=str(path)))

@@ -13,6 +13,7 @@ from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.flattening.station_messages import (
     ControllerStatus,
     GripperCommand,
@@ -29,7 +30,7 @@ from unwrinkle.models.site import CameraSite, PanTiltSite, loopback_site
 from unwrinkle.perception.stereo.head import Gaze
 from unwrinkle.perception.stereo.head_file import nominal_calibration
 from unwrinkle.planning.trajectory import Trajectory
-from unwrinkle.simulation.cloth.cloth import Cloth, ClothState, Support
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.outlines import outline
 from unwrinkle.site.virtual_equipment import VirtualEquipment
 from unwrinkle.systems.station.hardware import build_hardware_station
@@ -42,8 +43,7 @@ class Bench:
 
     def __init__(self, cell: Cell, state: ClothState | None = None, **options: Any) -> None:
         head = nominal_calibration().stereo_head(cell.limits.head)
-        support = Support((0.0, -1.2), (0.8, 0.8), 0.70)
-        cloth = Cloth(outline("towel", 32), load_material("terry"), support)
+        cloth = Cloth(outline("towel", 32), load_material("terry"), TABLE)
         self.station: Diagram = self._built(
             cell, cloth, state or cloth.flat((0.0, -1.1)), head=head, seed=1, **options
         )

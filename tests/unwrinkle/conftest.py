@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from unwrinkle import cli
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.flattening.flattener import Choice, NoChoice, choose
 from unwrinkle.flattening.observation import Observation
 from unwrinkle.flattening.policy import PolicyState
@@ -280,7 +281,8 @@ def _seen(towel: Towel) -> Analysis:
     return analyse(
         range_map_from_capture(
             capture, profile=noise_profile("stereo"), centre=towel.centre, table_height=0.70
-        )
+        ),
+        table=TABLE,
     )
 
 

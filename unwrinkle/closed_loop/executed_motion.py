@@ -16,7 +16,7 @@ from unwrinkle.planning.trajectory import AXES
 from unwrinkle.planning.verification.clearance import check_clearances
 from unwrinkle.planning.verification.model import CellModel
 from unwrinkle.planning.verification.motion import Leg
-from unwrinkle.planning.verification.verdict import MEANT, Findings
+from unwrinkle.planning.verification.verdict import NEAR_BY_DESIGN, Findings
 from unwrinkle.planning.verification.verifier import cell_model
 
 #: Lags up to this are told from errors, s, sought in steps of this first.
@@ -119,7 +119,7 @@ def check_execution(
     found = Findings()
     taking_part = (plan.arms[0] is not None, plan.arms[1] is not None)
     report = check_clearances(model, legs, [X for X, _ in frames], taking_part, found)
-    near = [pair for pair in report.clearances if pair.kind not in MEANT]
+    near = [pair for pair in report.clearances if pair.kind not in NEAR_BY_DESIGN]
     smallest = min(near, key=lambda pair: pair.distance, default=None)
     grip = 0.0
     if plan.dual:

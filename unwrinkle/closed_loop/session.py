@@ -151,7 +151,7 @@ def begin(
         scenario: file; the shipped one if left out.
         out: folder of the run; by the garment and the seed if left out, and then never one that is there.
         site: of the station's devices.
-        approve: asked about each plan that is safe; None approves.
+        approve: asked about each verified plan; None approves.
 
     Raises:
         InputError: bad input, or the folder holds a run already or cannot be written.
@@ -225,7 +225,7 @@ def go_on(
 
 
 def _cell_of(site: Site | None, scenario: Path | None) -> Path | None:
-    """The scenario's file: plans have to be proven in the cell that the site's robot stands in.
+    """The scenario's file: plans have to be verified in the cell that the site's robot stands in.
 
     Raises:
         InputError: the site names its cell, and another one was given.

@@ -131,7 +131,7 @@ def build_loop(
         faults: what shall go wrong in the station, for tests.
         site: of the devices; the hardware station needs it, the loopback station may have it.
         log: takes what the controller is sent and what it measures; not in the sim station.
-        approve: asked about each plan that is safe; None approves.
+        approve: asked about each verified plan; None approves.
 
     Raises:
         InputError: the scenario names what is not there, the garment does not fit the table, or the site is missing or

@@ -90,7 +90,7 @@ def flatten(
         int | None, typer.Option(help="Of the live view [the first free one from 7000].")
     ] = None,
 ) -> None:
-    """Look, plan, prove, pull, and look again, until the garment is flat; watch it, and read its report."""
+    """Look, plan, verify, pull, and look again, until the garment is flat; watch it, and read its report."""
     from rich.console import Console
 
     from unwrinkle.closed_loop.session import Choices, begin, go_on

@@ -23,7 +23,7 @@ def preview(
     ] = None,
     host: Annotated[str, typer.Option(help="Address to serve live on; * for all.")] = "localhost",
 ) -> None:
-    """Verify a plan and show it, with its hash and verdict; exit code 3 if it is not safe."""
+    """Verify a plan and show it, with its hash and verdict; exit code 3 if it is not verified."""
     from rich.console import Console
 
     from unwrinkle.models.files import write_text

@@ -50,7 +50,7 @@ def render(
     cell = load_cell(load_scenario(scenario))
     calibration = nominal_calibration()
     head = calibration.stereo_head(cell.limits.head)
-    target = cell.table_centre.copy()
+    target = cell.table.top_centre
     target[:2] = cell.scenario.garment_centre if gaze_at is None else _point(gaze_at)
     gaze = _whole_steps(head, head.gaze_at(target))
     towel = _towel(garment, seed, cell)
@@ -151,7 +151,7 @@ def _towel(garment: str, seed: int, cell: "Cell") -> "Towel":
         towel,
         ridges=ridges if garment == "towel" else (),
         centre=(x, y),
-        table_height=float(cell.table_centre[2]),
+        table_height=cell.table.height,
     )
 
 

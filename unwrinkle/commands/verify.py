@@ -10,7 +10,7 @@ from unwrinkle.models.errors import NoSafePlanError
 
 #: Columns of a table that is not shown in a terminal.
 _WIDTH = 120
-_NUMBERS = ("worst", "limit", "margin", "nearest", "proven", "required")
+_NUMBERS = ("worst", "limit", "margin", "nearest", "bound", "required")
 
 
 def verify(
@@ -21,7 +21,7 @@ def verify(
     start: StartOption = None,
     json: Annotated[Path | None, typer.Option(help="Write the whole verdict here.")] = None,
 ) -> None:
-    """Verify a plan and print every check with its margin; exit code 3 if it is not safe."""
+    """Verify a plan and print every check with its margin; exit code 3 if it is not verified."""
     from rich.console import Console
 
     from unwrinkle.models.files import write_json
@@ -42,7 +42,7 @@ def verify(
         console.width = _WIDTH
     checks = ("check", "result", "worst", "limit", "margin", "where")
     _print(console, "Checks", checks, verdict.rows())
-    pairs = ("bodies", "kind", "nearest", "proven", "required", "when")
+    pairs = ("bodies", "kind", "nearest", "bound", "required", "when")
     _print(console, "Nearest to their padding", pairs, verdict.clearance_rows())
     for violation in verdict.violations:
         console.print(

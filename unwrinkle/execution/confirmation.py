@@ -1,4 +1,4 @@
-"""Asking the operator about a plan that is safe, before it is run."""
+"""Asking the operator about a verified plan before it is run."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING

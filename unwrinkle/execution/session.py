@@ -108,7 +108,7 @@ class ExecutionSession:
             The number of the signal that ended it; 0 if none did.
 
         Raises:
-            NoSafePlanError: the plan is not safe.
+            NoSafePlanError: the plan is not verified.
             HardwareError: a device, a check or the operator stands against it, or it did not come to its end.
             InputError: a file cannot be written, or the confirmation is wrong.
         """

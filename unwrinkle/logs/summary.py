@@ -15,7 +15,7 @@ def summary_rows(records: RunLogRecords) -> Iterator[tuple[str, str]]:
     yield "plan", str(header.get("plan_hash", "unknown"))
     verdict = header.get("verdict")
     if isinstance(verdict, dict):
-        yield "verdict", "safe" if verdict.get("passed") else "NOT safe"
+        yield "verdict", "verified" if verdict.get("passed") else "NOT verified"
     yield "speed", str(header.get("speed", "unknown"))
     yield "lasts", f"{records.end - records.begin:.2f} s"
     sent, seen = records.commanded, records.measured

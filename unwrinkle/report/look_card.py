@@ -190,7 +190,7 @@ def _plan(look: ReadLook) -> str:
         rows.append(("motion", f"{plan.motion_time:.2f} s"))
         rows.append(("plan", plan.content_hash[:12]))
     if verdict is not None:
-        word = "safe" if verdict.get("passed") else "NOT safe"
+        word = "verified" if verdict.get("passed") else "NOT verified"
         rows.append(("verdict", f"{word}, {len(verdict.get('checks', []))} checks"))
         near = verdict.get("smallest_clearance")
         if near is not None:

@@ -103,7 +103,7 @@ def replay_page(run: RunFolder, cell: Cell) -> str:
         "colour": _colour(maps),
         "ramp": RAMP,
         "top": top_height(maps),
-        "table": float(cell.table_centre[2]),
+        "table": cell.table.height,
         "views": _views(cell),
     }
     return _page(meshcat.StaticHtml(), run, looks, clips, data)
@@ -265,7 +265,7 @@ def _layers() -> str:
 def _views(cell: Cell) -> dict[str, list[list[float]]]:
     """Camera and target of each view, world, m."""
     x, y = cell.scenario.garment_centre
-    z = float(cell.table_centre[2])
+    z = cell.table.height
     return {
         "overview": [list(point) for point in OVERVIEW],
         "garment": [[x + 0.25, y - 1.0, z + 0.62], [x, y, z]],

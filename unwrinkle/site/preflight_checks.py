@@ -19,9 +19,8 @@ from unwrinkle.perception.stereo.head_file import (
     nominal_calibration,
 )
 from unwrinkle.planning.plan import FlatteningPlan
-from unwrinkle.planning.verification.model import ARM_AXES
 from unwrinkle.planning.verification.motion import legs
-from unwrinkle.planning.verification.verdict import MEANT, Verdict
+from unwrinkle.planning.verification.verdict import NEAR_BY_DESIGN, Verdict
 from unwrinkle.planning.verification.verifier import cell_model
 
 #: Of the tool centre points under commissioning, m/s: the reduced speed of manual operation.
@@ -102,7 +101,7 @@ def tip_speed(plan: FlatteningPlan, cell: Cell) -> float:
     directions = model.axis_directions()
     for leg in legs(plan, cell.scenario.gripper.opening):
         X_WJ, X_WT = model.frames(leg.positions)
-        for arm, chain in enumerate(ARM_AXES):
+        for arm, chain in enumerate(model.tool_chains):
             p_WT = X_WT[:, arm, :3, 3]
             v = np.zeros_like(p_WT)
             for joint in chain:
@@ -122,7 +121,7 @@ def check_margins(verdict: Verdict, cell: Cell, site: Site) -> str:
     used = asdict(cell.scenario.clearance)
     for pair in verdict.clearances:
         kind = pair.kind.replace("-", "_")
-        if pair.kind in MEANT or kind not in doubled:
+        if pair.kind in NEAR_BY_DESIGN or kind not in doubled:
             continue
         wanted = max(doubled[kind], used[kind])
         if pair.distance < wanted:

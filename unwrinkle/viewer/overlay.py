@@ -121,7 +121,7 @@ def closed_page(page: str, title: str) -> str:
 
 
 def _verdict(summary: PreviewSummary) -> str:
-    state = ("pass", "safe") if summary.passed else ("fail", "not safe")
+    state = ("pass", "verified") if summary.passed else ("fail", "not verified")
     lines = [f"<li>{escape(line)}</li>" for line in summary.lines[:_MOST_LINES]]
     if len(summary.lines) > _MOST_LINES:
         lines.append(f"<li>and {len(summary.lines) - _MOST_LINES} more</li>")

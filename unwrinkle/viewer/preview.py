@@ -177,7 +177,7 @@ class LivePreview:
         self._meshcat = meshcat
         self._scene = PlanScene(plan, cell, meshcat)
         self._steps: dict[str, Step] = {}
-        state = "safe" if summary.passed else "NOT SAFE"
+        state = "verified" if summary.passed else "NOT verified"
         self.labels = (
             f"plan {plan.content_hash[:12]}: {state}",
             f"smallest clearance {summary.clearance_text}",

@@ -4,11 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.cloth import ClothMaterial
+from unwrinkle.models.table import Table
 from unwrinkle.simulation.cloth._solver.arrays import ClothArrays, places_of
 from unwrinkle.simulation.cloth._solver.contact import OVERFLOW
 from unwrinkle.simulation.cloth._solver.step import substeps
 from unwrinkle.simulation.cloth.layout import get, put
-from unwrinkle.simulation.cloth.state import ClothError, ClothState, Support
+from unwrinkle.simulation.cloth.state import ClothError, ClothState
 
 MOST_SPEED = 5.0  # m/s, of a node: contacts that part in one substep would throw it
 _MOST_STRETCH = 3.0  # times its rest length: beyond it the solver has failed
@@ -27,7 +28,7 @@ class ClothMemory:
         mask: NDArray[np.bool_],
         spacing: float,
         material: ClothMaterial,
-        support: Support,
+        table: Table,
         gravity: tuple[float, float, float],
         step: float,
     ) -> None:
@@ -38,10 +39,10 @@ class ClothMemory:
         self._pairs, self._sides = np.empty((most, 2), dtype=np.uint64), np.empty(most)
         self._gravity = gravity
         half, h, thickness = 0.5 * material.thickness, spacing, material.thickness
-        x, y = (float(value) for value in support.centre)
-        half_x, half_y = (0.5 * float(value) for value in support.size)
+        x, y = (float(value) for value in table.centre)
+        half_x, half_y = (0.5 * float(value) for value in table.size)
         edge = min(h, half_x, half_y)  # one spacing: some node is always on the rounding
-        self._table = (x, y, half_x, half_y, support.height + half, half, edge)
+        self._table = (x, y, half_x, half_y, table.height + half, half, edge)
         slip = material.yield_curvature * h * h
         self._bends = (slip, 2.0 * slip, material.plastic_bending / material.first_bending)
         self._contact = (

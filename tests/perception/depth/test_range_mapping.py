@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from unwrinkle.benchmarks._data import GARMENT_CENTRE, TABLE
 from unwrinkle.models import InputError
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.range_mapping import Capture, load_capture, range_map_from_capture
@@ -48,7 +49,7 @@ def _middle(range_map: RangeMap) -> np.ndarray:
 
 
 def test_with_a_pose_things_are_where_they_are() -> None:
-    range_map = range_map_from_capture(_capture())
+    range_map = range_map_from_capture(_capture(), centre=GARMENT_CENTRE, table_height=TABLE.height)
     np.testing.assert_allclose(_top(range_map), (0.10, -1.20), atol=5e-4)
     np.testing.assert_allclose(_middle(range_map), (0.0, -1.1), atol=1e-3)
     assert range_map.table_height == pytest.approx(0.70, abs=1e-4)
@@ -59,21 +60,25 @@ def test_with_a_pose_things_are_where_they_are() -> None:
 
 def test_without_a_pose_the_garment_is_laid_at_the_default_place_unmirrored() -> None:
     """The image's top is away from the robot; seen from above, nothing is mirrored."""
-    range_map = range_map_from_capture(_capture(X_WC=None))
+    range_map = range_map_from_capture(
+        _capture(X_WC=None), centre=GARMENT_CENTRE, table_height=TABLE.height
+    )
     np.testing.assert_allclose(_middle(range_map), (0.0, -1.1), atol=2e-3)
     np.testing.assert_allclose(_top(range_map), (0.10, -1.20), atol=3e-3)
     assert range_map.table_height == 0.70
 
 
 def test_yaw_turns_the_garment_about_its_centre() -> None:
-    turned = range_map_from_capture(_capture(X_WC=None), yaw=np.pi / 2.0)
+    turned = range_map_from_capture(
+        _capture(X_WC=None), yaw=np.pi / 2.0, centre=GARMENT_CENTRE, table_height=TABLE.height
+    )
     # (0.10, -0.10) from the centre, turned a quarter to the left.
     np.testing.assert_allclose(_top(turned), (0.10, -1.00), atol=3e-3)
     np.testing.assert_allclose(_middle(turned), (0.0, -1.1), atol=2e-3)
 
 
 def test_colour_lies_on_the_map() -> None:
-    range_map = range_map_from_capture(_capture())
+    range_map = range_map_from_capture(_capture(), centre=GARMENT_CENTRE, table_height=TABLE.height)
     assert range_map.colour is not None
     inside = range_map.colour[range_map.garment].mean(axis=0)
     outside = range_map.colour[~range_map.garment & range_map.valid].mean(axis=0)
@@ -90,8 +95,10 @@ def test_third_of_the_readings_missing_still_works() -> None:
         depth[row : row + rng.integers(10, 40), column : column + rng.integers(10, 40)] = 0.0
     holes = np.mean(~(depth > 0.0))
     assert 0.2 < holes < 0.4
-    whole = range_map_from_capture(_capture())
-    range_map = range_map_from_capture(_capture(depth=depth))
+    whole = range_map_from_capture(_capture(), centre=GARMENT_CENTRE, table_height=TABLE.height)
+    range_map = range_map_from_capture(
+        _capture(depth=depth), centre=GARMENT_CENTRE, table_height=TABLE.height
+    )
     assert np.isfinite(range_map.height).all()
     assert (range_map.height[~range_map.valid] == 0.0).all()
     assert np.mean(range_map.valid[range_map.garment]) < 0.95
@@ -105,7 +112,9 @@ def test_garment_hidden_by_holes_is_an_insufficient_view() -> None:
     depth[90:420, 155:485][1::2] = 0.0
     depth[90:420, 155:485][:, 1::2] = 0.0
     with pytest.raises(InputError, match=r"made: insufficient view, 7\d% of the garment"):
-        range_map_from_capture(_capture(depth=depth))
+        range_map_from_capture(
+            _capture(depth=depth), centre=GARMENT_CENTRE, table_height=TABLE.height
+        )
 
 
 def test_pose_that_the_table_contradicts() -> None:
@@ -115,18 +124,26 @@ def test_pose_that_the_table_contradicts() -> None:
         [[1, 0, 0], [0, np.cos(lean), -np.sin(lean)], [0, np.sin(lean), np.cos(lean)]]
     )
     with pytest.raises(InputError, match=r"leans by 10\.0 degrees"):
-        range_map_from_capture(_capture(X_WC=X_WC))
+        range_map_from_capture(
+            _capture(X_WC=X_WC), centre=GARMENT_CENTRE, table_height=TABLE.height
+        )
 
 
 def test_bare_table_has_no_garment() -> None:
     with pytest.raises(InputError, match="made: no garment found"):
-        range_map_from_capture(_capture(depth=np.full((512, 640), 1.0, dtype=np.float32)))
+        range_map_from_capture(
+            _capture(depth=np.full((512, 640), 1.0, dtype=np.float32)),
+            centre=GARMENT_CENTRE,
+            table_height=TABLE.height,
+        )
 
 
 def test_floor_beyond_the_table_is_no_reading_of_the_table() -> None:
     depth = np.array(_capture().depth)
     depth[:60] = 1.7
-    range_map = range_map_from_capture(_capture(depth=depth))
+    range_map = range_map_from_capture(
+        _capture(depth=depth), centre=GARMENT_CENTRE, table_height=TABLE.height
+    )
     far = range_map.origin[1] + range_map.resolution * np.arange(range_map.shape[0]) < -1.33
     assert not range_map.valid[far].any() or range_map.height[far].min() > -0.02
     assert range_map.height.min() > -0.02
@@ -135,14 +152,17 @@ def test_floor_beyond_the_table_is_no_reading_of_the_table() -> None:
 def test_grid_is_made_coarser_than_a_coarse_camera(caplog: pytest.LogCaptureFixture) -> None:
     coarse = replace(CAMERA, width=320, height=256, fx=450.0, fy=450.0, cx=159.5, cy=127.5)
     capture = capture_of(TOWEL, coarse, overhead_pose(0.0, -1.1, 1.7))
-    range_map = range_map_from_capture(capture)
+    range_map = range_map_from_capture(capture, centre=GARMENT_CENTRE, table_height=TABLE.height)
     assert range_map.resolution == pytest.approx(0.0023)
     assert "coarser" in caplog.text
     assert range_map.valid[range_map.garment].mean() > 0.99
 
 
 def test_same_capture_same_map() -> None:
-    first, second = (range_map_from_capture(_capture(), seed=4) for _ in range(2))
+    first, second = (
+        range_map_from_capture(_capture(), seed=4, centre=GARMENT_CENTRE, table_height=TABLE.height)
+        for _ in range(2)
+    )
     np.testing.assert_array_equal(first.height, second.height)
     np.testing.assert_array_equal(first.garment, second.garment)
 
@@ -172,7 +192,7 @@ def test_real_captures_of_uc3m(shared_data: object, name: str) -> None:
     path = f"{shared_data}/uc3m_textiles/{name}_fold_depth_mm.png"
     capture = load_capture(path, "xtion-pro-live")
     assert capture.colour is not None
-    range_map = range_map_from_capture(capture)
+    range_map = range_map_from_capture(capture, centre=GARMENT_CENTRE, table_height=TABLE.height)
     table = range_map.valid & ~range_map.garment
     assert abs(float(range_map.height[table].mean())) < 0.0006
     assert float(range_map.height[table].std()) < 0.004
@@ -187,7 +207,9 @@ def test_real_captures_of_uc3m(shared_data: object, name: str) -> None:
 @pytest.mark.parametrize("number", ["00023", "01158", "02321"])
 def test_real_captures_of_ctu(shared_data: object, number: str) -> None:
     path = f"{shared_data}/clopema_ctu_spread_garments/cloD{number}.png"
-    range_map = range_map_from_capture(load_capture(path))
+    range_map = range_map_from_capture(
+        load_capture(path), centre=GARMENT_CENTRE, table_height=TABLE.height
+    )
     assert range_map.colour is not None
     table = range_map.valid & ~range_map.garment
     assert abs(float(range_map.height[table].mean())) < 0.0006

@@ -1,23 +1,25 @@
 """Pair and angles in, range map on the table out; and what must not come out as a map."""
 
 import dataclasses
+import dataclasses as dc
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models import InputError
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.stereo.pair import StereoPair
-from unwrinkle.perception.stereo.range_mapping import KnownTable, range_map_from_pair
+from unwrinkle.perception.stereo.range_mapping import range_map_from_pair
 
 STEP = 0.00022439959992278893
 
 
 @pytest.fixture(scope="module")
 def towel_map(seen_towel: Any) -> RangeMap:
-    return range_map_from_pair(seen_towel.pair, seen_towel.head, seen_towel.gaze)
+    return range_map_from_pair(seen_towel.pair, seen_towel.head, seen_towel.gaze, table=TABLE)
 
 
 def errors(seen: Any, range_map: RangeMap, rim: float = 0.012) -> NDArray[np.float64]:
@@ -56,7 +58,9 @@ def test_a_few_steps_of_a_unit_do_little_harm(seen_towel: Any, angles: dict[str,
     # Tilt shows in the rows, pan in the height of the known table; both are taken out.
     off = {name: getattr(seen_towel.gaze, name) + by for name, by in angles.items()}
     gaze = dataclasses.replace(seen_towel.gaze, **off)
-    error = errors(seen_towel, range_map_from_pair(seen_towel.pair, seen_towel.head, gaze))
+    error = errors(
+        seen_towel, range_map_from_pair(seen_towel.pair, seen_towel.head, gaze, table=TABLE)
+    )
     assert np.sqrt(np.mean(error**2)) < 0.0013
 
 
@@ -76,12 +80,12 @@ def test_wrong_angles_never_make_a_map(
     off = {name: getattr(seen_towel.gaze, name) + by for name, by in angles.items()}
     gaze = dataclasses.replace(seen_towel.gaze, **off)
     with pytest.raises(InputError, match=message) as caught:
-        range_map_from_pair(seen_towel.pair, seen_towel.head, gaze)
+        range_map_from_pair(seen_towel.pair, seen_towel.head, gaze, table=TABLE)
     assert "\n" not in str(caught.value)
 
 
 def test_a_garment_that_covers_most_of_the_table_is_not_the_table(seen_towel: Any) -> None:
-    small = KnownTable(centre=(0.0, -1.10), size=(0.58, 0.58))
+    small = dc.replace(TABLE, centre=(0.0, -1.10), size=(0.58, 0.58))
     range_map = range_map_from_pair(seen_towel.pair, seen_towel.head, seen_towel.gaze, table=small)
     error = errors(seen_towel, range_map)
     assert abs(float(np.median(error))) < 0.0005
@@ -89,7 +93,7 @@ def test_a_garment_that_covers_most_of_the_table_is_not_the_table(seen_towel: An
 
 
 def test_a_table_of_another_height_is_refused(seen_towel: Any) -> None:
-    table = KnownTable(height=0.76)
+    table = dc.replace(TABLE, height=0.76)
     with pytest.raises(InputError, match=r"table is at 0\.70\d m, the cell has it at 0\.760 m"):
         range_map_from_pair(seen_towel.pair, seen_towel.head, seen_towel.gaze, table=table)
 
@@ -100,11 +104,16 @@ def test_an_eye_that_sees_something_else_is_refused(seen_towel: Any) -> None:
     other = rng.integers(60, 190, shape, dtype=np.uint8)
     with pytest.raises(InputError, match=r"features in common|out of step"):
         range_map_from_pair(
-            StereoPair(seen_towel.pair.left, other, "pair"), seen_towel.head, seen_towel.gaze
+            StereoPair(seen_towel.pair.left, other, "pair"),
+            seen_towel.head,
+            seen_towel.gaze,
+            table=TABLE,
         )
 
 
 def test_images_that_were_cropped_are_refused(seen_towel: Any) -> None:
     left, right = seen_towel.pair.left[:, :-100], seen_towel.pair.right[:, :-100]
     with pytest.raises(InputError, match="neither crop nor enlarge"):
-        range_map_from_pair(StereoPair(left, right, "pair"), seen_towel.head, seen_towel.gaze)
+        range_map_from_pair(
+            StereoPair(left, right, "pair"), seen_towel.head, seen_towel.gaze, table=TABLE
+        )

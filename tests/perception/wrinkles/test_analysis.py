@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from unwrinkle.benchmarks._data import GARMENT_CENTRE, TABLE
 from unwrinkle.benchmarks.analysis import (
     SENSORS,
     angle_between,
@@ -49,13 +50,20 @@ def chosen(analysis):
 
 
 def analysed(path):
-    return analyse(range_map_from_capture(load_capture(path, camera="xtion-pro-live")))
+    return analyse(
+        range_map_from_capture(
+            load_capture(path, camera="xtion-pro-live"),
+            centre=GARMENT_CENTRE,
+            table_height=TABLE.height,
+        ),
+        table=TABLE,
+    )
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_several_gaussian_ridges(seed):
     towel = ridged_towel(seed)
-    outcome = compare(towel, analyse(map_of(towel, 0.0005, seed=seed)))
+    outcome = compare(towel, analyse(map_of(towel, 0.0005, seed=seed), table=TABLE))
     assert outcome["missed"] == outcome["extra"] == 0
     assert max(outcome["width"]) < 0.0003
     assert max(outcome["chord_height"]) < 0.0003
@@ -66,14 +74,14 @@ def test_several_gaussian_ridges(seed):
 @pytest.mark.parametrize("seed", [0, 4, 17, 44])
 def test_crossing_ridges_stay_separate_wrinkles(seed):
     towel = crossed_towel(seed)
-    assert crossing_separated(towel, analyse(map_of(towel, 0.0005, seed=seed)))
+    assert crossing_separated(towel, analyse(map_of(towel, 0.0005, seed=seed), table=TABLE))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_flat_cloth_has_no_wrinkle_above_the_halting_measure(sensor):
     for seed in range(50):
-        analysis = analyse(flat_map(sensor, seed))
+        analysis = analyse(flat_map(sensor, seed), table=TABLE)
         assert analysis.halting_measure < 0.002
         assert isinstance(chosen(analysis), NoChoice) and chosen(analysis).stop.flat
 
@@ -88,7 +96,7 @@ def test_the_largest_wrinkle_that_can_be_grasped_is_the_target():
         centre=(0.22, -1.1),
         side=0.44,
     )
-    analysis = analyse(map_of(towel, 0.0005))
+    analysis = analyse(map_of(towel, 0.0005), table=TABLE)
     assert analysis.wrinkles[0].centre[0] > 0.25
     choice = chosen(analysis)
     assert isinstance(choice, Choice) and choice.decision.wrinkle.index == 1
@@ -101,7 +109,7 @@ def test_the_largest_wrinkle_that_can_be_grasped_is_the_target():
 def test_below_the_halting_pull_the_garment_is_flat():
     towel = Towel(ridges=(Ridge((0.0, -1.1), 0.3, 0.010, 0.012, 0.15),), side=0.4)
     range_map = map_of(towel, 0.0005)
-    foot, paper = analyse(range_map), analyse(range_map, mode="paper")
+    foot, paper = analyse(range_map, table=TABLE), analyse(range_map, mode="paper", table=TABLE)
     assert foot.halting_measure > paper.halting_measure
     low = replace(
         Observation.of(paper).features,
@@ -111,11 +119,11 @@ def test_below_the_halting_pull_the_garment_is_flat():
     stop = decide(low, PolicyState(), LoopSettings())
     assert isinstance(stop, Stop) and stop.flat
     eager = replace(noise_profile("stereo"), halting_pull=0.001)
-    assert isinstance(chosen(analyse(range_map, mode="paper", profile=eager)), Choice)
+    assert isinstance(chosen(analyse(range_map, mode="paper", profile=eager, table=TABLE)), Choice)
 
 
 def test_maps_have_the_range_maps_shape_and_json_is_plain():
-    analysis = analyse(map_of(ridged_towel(0), 0.0005))
+    analysis = analyse(map_of(ridged_towel(0), 0.0005), table=TABLE)
     for picture in (analysis.classes, analysis.ridges, analysis.contours, analysis.surface_height):
         assert picture.shape == analysis.range_map.shape
     assert analysis.classes.max() <= 9 and analysis.ridges.any() and analysis.contours.any()
@@ -126,14 +134,16 @@ def test_maps_have_the_range_maps_shape_and_json_is_plain():
 
 def test_the_same_map_gives_the_same_analysis():
     range_map = map_of(ridged_towel(3), 0.0005)
-    assert analyse(range_map).to_json(points=True) == analyse(range_map).to_json(points=True)
+    assert analyse(range_map, table=TABLE).to_json(points=True) == analyse(
+        range_map, table=TABLE
+    ).to_json(points=True)
 
 
 def test_the_papers_patches_find_the_same_largest_wrinkle():
     towel = Towel(ridges=(Ridge((0.0, -1.1), 0.5, 0.018, 0.0135, 0.2),), side=0.4)
     range_map = map_of(towel, 0.0005)
-    patches = analyse(range_map, patches=True).wrinkles
-    (single,) = analyse(range_map).wrinkles
+    patches = analyse(range_map, patches=True, table=TABLE).wrinkles
+    (single,) = analyse(range_map, table=TABLE).wrinkles
     assert patches
     assert angle_between(patches[0].direction, 0.5) < np.radians(5.0)
     assert single.width == pytest.approx(0.027, abs=0.0003)
@@ -142,9 +152,9 @@ def test_the_papers_patches_find_the_same_largest_wrinkle():
 def test_unknown_modes_and_sensors_are_refused():
     range_map = map_of(ridged_towel(0), 0.002)
     with pytest.raises(InputError, match="mode"):
-        analyse(range_map, mode="feet")
+        analyse(range_map, mode="feet", table=TABLE)
     with pytest.raises(InputError, match="sonar"):
-        analyse(replace(range_map, sensor="sonar"))
+        analyse(replace(range_map, sensor="sonar"), table=TABLE)
 
 
 @pytest.mark.slow

@@ -4,8 +4,10 @@ import math
 import numpy as np
 import pytest
 
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.benchmarks.analysis import flat_map, map_of
 from unwrinkle.models import InputError
+from unwrinkle.models.table import Table
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.target import (
     MODES,
@@ -17,7 +19,6 @@ from unwrinkle.perception.target import (
 from unwrinkle.perception.wrinkles.analysis import analyse
 from unwrinkle.perception.wrinkles.targeting import (
     GRASP_INSET,
-    TableTop,
     flattening_target,
     garment_contour,
     section_length,
@@ -33,7 +34,7 @@ def analysed(angle=0.0, *, height=0.022, centre=CENTRE, side=0.4, extent=0.5, **
     towel = Towel(
         ridges=(Ridge(centre, angle, height, 0.0135, 0.2),), centre=centre, side=side, waviness=0.0
     )
-    return analyse(map_of(towel, 0.0005, extent=extent), **options)
+    return analyse(map_of(towel, 0.0005, extent=extent), **options, table=TABLE)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.4, 1.3, -0.9])
@@ -101,7 +102,7 @@ def test_a_ragged_outline_gives_steady_grasp_directions(sensor):
         rim = ragged ^ np.roll(ragged, 1, axis)
         ragged ^= rim & (rng.random(flat.shape) < 0.5)
     noisy = RangeMap(flat.height, flat.valid, ragged, flat.resolution, flat.origin, 0.7, sensor)
-    profile = analyse(noisy).surface
+    profile = analyse(noisy, table=TABLE).surface
     contour = garment_contour(profile)
     sides = 0
     for inward in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
@@ -129,14 +130,14 @@ def test_a_contour_cut_by_the_image_is_a_reason():
 def test_a_section_is_shifted_where_the_one_through_the_centre_fails():
     """A table that ends between the wrinkle's centre and one of its ends."""
     free = analysed(math.pi / 2).target_for(0)
-    edge = TableTop(centre=(0.0, -1.1), size=(0.8, 0.8))
+    edge = Table((0.0, -1.1), (0.8, 0.8), 0.70)
     assert isinstance(free, FlatteningTarget)
     analysis = analysed(math.radians(70.0))
     whole = flattening_target(
         analysis.range_map, analysis.surface, analysis.wrinkles[0], table=edge
     )
     tops = [hand.p_WG[1] for hand in whole.hands]
-    cut = TableTop(centre=(0.0, max(tops) - 0.02 - 0.4), size=(0.8, 0.8))
+    cut = Table((0.0, max(tops) - 0.02 - 0.4), (0.8, 0.8), 0.70)
     shifted = flattening_target(
         analysis.range_map, analysis.surface, analysis.wrinkles[0], table=cut
     )
@@ -148,7 +149,9 @@ def test_an_unknown_mode_is_refused_and_a_centre_off_the_garment_is_a_reason():
     analysis = analysed()
     for wrong in ({"mode": "feet"}, {"section": "end"}, {"pull": "all"}):
         with pytest.raises(InputError, match=next(iter(wrong))):
-            flattening_target(analysis.range_map, analysis.surface, analysis.wrinkles[0], **wrong)
+            flattening_target(
+                analysis.range_map, analysis.surface, analysis.wrinkles[0], **wrong, table=TABLE
+            )
     assert garment_contour(analysis.surface, np.array([0.24, -1.1])) is None
 
 
@@ -165,7 +168,7 @@ def rising(shares, heights):
 
 def test_the_section_goes_through_the_highest_part_where_asked():
     seen = rising([0.0, 0.3, 0.45, 1.0], [0.6, 1.0, 0.6, 0.6])
-    highest = analyse(seen, section="highest")
+    highest = analyse(seen, section="highest", table=TABLE)
     centre = dc.replace(highest, section="centre").target_for(0)
     (wrinkle,) = highest.wrinkles
     place = section_place(wrinkle, "highest")
@@ -176,7 +179,7 @@ def test_the_section_goes_through_the_highest_part_where_asked():
 
 
 def test_the_highest_part_at_an_end_keeps_away_from_it():
-    (wrinkle,) = analyse(rising([0.0, 1.0], [0.4, 1.0])).wrinkles
+    (wrinkle,) = analyse(rising([0.0, 1.0], [0.4, 1.0]), table=TABLE).wrinkles
     place = section_place(wrinkle, "highest")
     assert 0.3 < abs(place - 0.5) <= 0.4 and section_start(wrinkle, place)[0] > 0.05
 
@@ -185,7 +188,7 @@ def test_all_slack_that_the_section_crosses_is_pulled_where_asked():
     """Two parallel wrinkles: the section across one crosses the other too."""
     ridges = tuple(Ridge((0.0, y), 0.0, 0.018, 0.011, 0.24) for y in (-1.17, -1.03))
     seen = map_of(Towel(ridges=ridges, side=0.4, waviness=0.0), 0.001, extent=0.5)
-    both = analyse(seen, pull="section")
+    both = analyse(seen, pull="section", table=TABLE)
     one = dc.replace(both, pull="wrinkle").target_for(0)
     pulls = [found.hands[0].pull_distance for found in (one, both.target_for(0))]
     assert pulls[0] == both.wrinkles[0].pull_distance("foot")

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from pydrake.geometry import Role
 
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import build_robot_diagram, load_cell, position_indices
-from unwrinkle.planning.robot.collision import CollisionModel, axis_reach
+from unwrinkle.planning.robot.axis_reach import axis_reach
+from unwrinkle.planning.robot.collision import CollisionModel
+from unwrinkle.planning.verification.model import CellModel
 
 
 @pytest.fixture(scope="module")
@@ -82,6 +85,54 @@ def test_an_obstacle_from_directives_is_seen(cell, tmp_path, kinematics):
     swung[0] = 0.9
     path_hits = not model.edge_free(start, start + (swung - goal))
     assert path_hits  # a post 2 cm thick is not stepped over
+
+
+def with_roles(cell, **changes):
+    """The cell with other roles in its robot's description."""
+    return dc.replace(cell, robot=dc.replace(cell.robot, **changes))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"palm": "plam"},
+        {"fingers": ["lower_finger", "uper_finger"]},
+        {"adjacent": [["r1::link_2", "turntable::r751"]]},
+    ],
+)
+@pytest.mark.parametrize("model", [lambda cell: CollisionModel(cell, contact=True), CellModel])
+def test_a_role_of_a_link_that_is_not_there_is_refused(cell, model, changes):
+    with pytest.raises(InputError):
+        model(with_roles(cell, **changes))
+
+
+@pytest.mark.parametrize(
+    "pair",
+    [
+        ["r1_gripper::palm", "t2::desk"],
+        ["r1::link_4", "r2::link_4"],
+        ["turntable::r750", "t2::desk"],
+        ["r1::link_3", "turntable::r750"],
+    ],
+)
+def test_the_verification_exempts_neighbours_only(cell, pair):
+    with pytest.raises(InputError):
+        CellModel(with_roles(cell, adjacent=[*cell.robot.adjacent, pair]))
+
+
+def test_only_an_exempt_pair_has_no_required_clearance(cell):
+    def required(model, *names):
+        return next(pair.required for pair in model.pairs if set(pair.names) == set(names))
+
+    shoulder = ("r1::link_2", "turntable::r750")
+    assert required(CellModel(cell), *shoulder) == 0.0
+    strict = CellModel(with_roles(cell, adjacent=[]))
+    assert required(strict, *shoulder) == cell.scenario.clearance.surroundings
+
+
+def test_reach_of_the_shipped_robot(cell):
+    arm = [2.01855629, 1.86855629, 1.25455629, 0.58403410, 0.58403410, 0.08656854]
+    assert axis_reach(cell) == pytest.approx([2.39132494, *arm, *arm], abs=1e-8)
 
 
 def test_reach_bounds_the_motion_of_every_point(cell):

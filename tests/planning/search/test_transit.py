@@ -31,7 +31,7 @@ def with_box(cell: Cell, folder: Path, size: str, place: str) -> Cell:
 
 def planner_of(cell: Cell, budget: float, seed: int = 0) -> tuple[TransitPlanner, CollisionModel]:
     collision = CollisionModel(cell, contact=False)
-    return TransitPlanner(cell.limits, collision, budget, seed), collision
+    return TransitPlanner(cell, collision, budget, seed), collision
 
 
 SWUNG = np.array([0.9, *12 * [0.0]])

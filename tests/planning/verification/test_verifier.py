@@ -303,10 +303,10 @@ def test_a_gripper_moves_its_upper_blade_alone(model: CellModel) -> None:
 
 
 @pytest.mark.slow
-def test_proven_clearances_hold_in_brute_force(
+def test_bounds_of_clearances_hold_in_brute_force(
     plan: FlatteningPlan, cell: Cell, model: CellModel
 ) -> None:
-    """At 800 times, no pair is nearer than what was proven, nor much nearer than what was found."""
+    """At 800 times, no pair is nearer than its bound, nor much nearer than the distance found."""
     verdict = verify(plan, cell)
     assert verdict.passed
     smallest = np.full(len(model.pairs), np.inf)

@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import InputError
-from unwrinkle.simulation.cloth.cloth import Cloth, ClothError, ClothState, Support
+from unwrinkle.models.table import Table
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothError, ClothState
 from unwrinkle.simulation.cloth.fingers import carry, let_go, take
 from unwrinkle.simulation.cloth.outlines import Outline, outline
 
-TABLE = Support((0.0, -1.2), (0.8, 0.8), 0.70)
 CENTRE = (0.0, -1.1)
 
 
@@ -119,7 +120,7 @@ def test_nothing_goes_below_the_table(cloth: Cloth, lifted: ClothState) -> None:
 
 
 def test_beyond_the_table_it_falls_to_the_floor() -> None:
-    small = Support((0.0, 0.0), (0.10, 0.60), 0.70)
+    small = Table((0.0, 0.0), (0.10, 0.60), 0.70)
     cloth = Cloth(
         Outline("patch", np.ones((41, 21), dtype=bool), 0.01), load_material("terry"), small
     )
@@ -157,7 +158,7 @@ def test_cloth_does_not_pass_through_cloth(cloth: Cloth) -> None:
 
 
 def test_clamped_nodes_stay_and_gravity_turns() -> None:
-    away = Support((9.0, 9.0), (0.1, 0.1), 0.1)
+    away = Table((9.0, 9.0), (0.1, 0.1), 0.1)
     patch = Outline("patch", np.ones((21, 9), dtype=bool), 0.01)
     material = load_material("terry").changed(air_drag=20.0)
     cloth = Cloth(patch, material, away, gravity=(0.0, -9.81, 0.0), clamped=range(9))
@@ -289,7 +290,7 @@ def test_its_arrays_are_read_only(cloth: Cloth) -> None:
 
 def test_a_sharp_bend_is_remembered_and_a_slight_one_is_not() -> None:
     # A strip held level at one end; turned gravity bends it up or down, then is taken away.
-    away = Support((9.0, 9.0), (0.1, 0.1), 0.1)
+    away = Table((9.0, 9.0), (0.1, 0.1), 0.1)
     patch = Outline("patch", np.ones((12, 9), dtype=bool), 0.005)
     terry = load_material("terry").changed(air_drag=30.0)
     plane = patch.plane.reshape(-1, 2)

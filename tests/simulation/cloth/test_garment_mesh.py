@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.camera import Camera
@@ -144,10 +145,10 @@ def test_a_reshaped_item_looks_as_if_built_anew() -> None:
     other = rectangle_mesh(
         "other", (0.05, 0.05), uniform((200, 40, 40)), overhead_pose(0.2, -1.1, 0.72)
     )
-    changed = Renderer(None, [cloth.mesh(lying), other])
+    changed = Renderer(TABLE, [cloth.mesh(lying), other])
     before = changed.colour(CAMERA, X_WC)
     changed.reshape("garment", cloth.mesh(bent))
-    anew = Renderer(None, [cloth.mesh(bent), other])
+    anew = Renderer(TABLE, [cloth.mesh(bent), other])
     np.testing.assert_array_equal(changed.depth(CAMERA, X_WC), anew.depth(CAMERA, X_WC))
     np.testing.assert_array_equal(changed.colour(CAMERA, X_WC), anew.colour(CAMERA, X_WC))
     assert (changed.colour(CAMERA, X_WC) != before).mean() > 0.05
@@ -165,6 +166,6 @@ def test_both_faces_are_lit() -> None:
     X_WC = overhead_pose(0.0, -1.1, 1.5)
     means = []
     for vertices in (lying, over):
-        picture = Renderer(None, [cloth.mesh(vertices)]).colour(CAMERA, X_WC)
+        picture = Renderer(TABLE, [cloth.mesh(vertices)]).colour(CAMERA, X_WC)
         means.append(picture[100:140, 140:180].mean())
     assert means[0] > 60.0 and means[1] == pytest.approx(means[0], rel=0.03)

@@ -5,16 +5,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import STARTS as SCENARIO_STARTS
-from unwrinkle.simulation.cloth.cloth import Cloth, Support
+from unwrinkle.simulation.cloth.cloth import Cloth
 from unwrinkle.simulation.cloth.fingers import carry, let_go, take
 from unwrinkle.simulation.cloth.initial_states import STARTS, bunched, dropped, ridge, start_state
 from unwrinkle.simulation.cloth.measures import coverage, largest_height, measure, overstretch
 from unwrinkle.simulation.cloth.outlines import outline
 
-TABLE = Support((0.0, -1.2), (0.8, 0.8), 0.70)
 CENTRE = (0.0, -1.1)
 
 

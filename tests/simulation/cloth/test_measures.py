@@ -6,9 +6,10 @@ import json
 import numpy as np
 import pytest
 
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import InputError
-from unwrinkle.simulation.cloth.cloth import Cloth, ClothState, Support
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.measures import (
     coverage,
     height_map,
@@ -17,8 +18,6 @@ from unwrinkle.simulation.cloth.measures import (
     overstretch,
 )
 from unwrinkle.simulation.cloth.outlines import outline
-
-TABLE = Support((0.0, -1.2), (0.8, 0.8), 0.70)
 
 
 @pytest.fixture(scope="module")

@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 from unwrinkle.models.blades import Blades, load_blades
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import InputError
-from unwrinkle.simulation.cloth.cloth import Cloth, ClothState, Support
+from unwrinkle.models.table import Table
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.outlines import Outline
 from unwrinkle.simulation.cloth.pinch_grasp import LEAST_DEPTH, catch, lift
 
 OPENING = 0.030
-TABLE = Support((0.0, -1.10), (0.8, 0.8), 0.70)
+TABLE = Table((0.0, -1.10), (0.8, 0.8), 0.70)
 LEVEL = Blades(
     width=0.025, thickness=0.003, lower_end=0.0, upper_end=0.0
 )  # tips alike, stood upright

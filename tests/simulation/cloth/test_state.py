@@ -9,7 +9,7 @@ import pytest
 
 from unwrinkle.models.archive import save_archive
 from unwrinkle.models.errors import InputError
-from unwrinkle.simulation.cloth.state import ClothState, Grip, Support, checked_pose
+from unwrinkle.simulation.cloth.state import ClothState, Grip, checked_pose
 
 
 def make(size: int = 12, **changes: Any) -> ClothState:
@@ -100,18 +100,3 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
 def test_what_is_no_pose_is_refused(X: np.ndarray) -> None:
     with pytest.raises(InputError, match="hand"):
         checked_pose(X, "hand")
-
-
-@pytest.mark.parametrize(
-    ("centre", "size", "height"),
-    [
-        ((0.0, np.nan), (1.0, 1.0), 0.7),
-        ((0.0, 0.0), (0.0, 1.0), 0.7),
-        ((0.0, 0.0), (1.0, 1.0), 0.0),
-    ],
-)
-def test_what_is_no_table_is_refused(
-    centre: tuple[float, float], size: tuple[float, float], height: float
-) -> None:
-    with pytest.raises(InputError, match="support"):
-        Support(centre, size, height)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.camera import Camera
 from unwrinkle.simulation.rendering.boards import charuco_board, chessboard
@@ -48,7 +49,7 @@ def test_charuco_is_found_where_it_is_and_reads_the_right_way_round() -> None:
     """A mirrored or turned board would show other markers, or the same at other places."""
     board = charuco_board(8, 6, 0.03, 0.022, texel=0.0005)
     X_WC, X_WB = _poses(np.array([0.24, 0.18]))
-    picture = _photograph(Renderer(None, [board.at(X_WB).mesh]), X_WC)
+    picture = _photograph(Renderer(TABLE, [board.at(X_WB).mesh]), X_WC)
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
     pattern = cv2.aruco.CharucoBoard((8, 6), 0.03, 0.022, dictionary)
     np.testing.assert_allclose(board.corners, pattern.getChessboardCorners(), atol=1e-7)
@@ -63,7 +64,7 @@ def test_chessboard_is_found_where_it_is() -> None:
     """Half a pixel, or half a texel, anywhere on the way would show twenty times over."""
     board = chessboard(9, 7, 0.027, texel=0.0005)
     X_WC, X_WB = _poses(np.array([9 * 0.027, 7 * 0.027]))
-    renderer = Renderer(None, [board.mesh])
+    renderer = Renderer(TABLE, [board.mesh])
     renderer.move("board", X_WB)
     picture = _photograph(renderer, X_WC)
     done, found = cv2.findChessboardCornersSB(picture, (8, 6), flags=cv2.CALIB_CB_ACCURACY)

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.camera import Camera
 from unwrinkle.simulation.rendering.image_noise import (
@@ -160,7 +161,7 @@ def test_nothing_goes_beyond_white() -> None:
 
 
 def test_pair_differs_in_noise_and_gain_and_halves_are_averages() -> None:
-    renderer = Renderer(None)
+    renderer = Renderer(TABLE)
     X_WC = overhead_pose(0.0, -1.2, 1.5)
     eyes = (BENT, X_WC, BENT, X_WC)
     model = SensorModel(mismatch=0.1)

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.transforms import inverse, transformed
 from unwrinkle.perception.camera import Camera
@@ -58,7 +59,7 @@ def test_the_textured_top_is_what_is_seen(
     """The model's own slab lies in the same plane: any of it would flicker through."""
     X_WL, _ = head.poses(gaze)
     camera = _small(head.left.camera, 16)
-    bench = Renderer(None)
+    bench = Renderer(TABLE)
     depth = bench.depth(camera, X_WL)
     same = (depth > 0.0) & (np.abs(depth - cell_view.depth(camera, X_WL)) < 1e-6)
     inner = cv2.erode(same.astype(np.uint8), np.ones((5, 5))) > 0  # edges are smoothed

@@ -29,8 +29,7 @@ def scene(cell: Cell) -> Renderer:
 
 
 def _cropped(cell: Cell, capture: Capture) -> Capture:
-    across, along = cell.scenario.table.size
-    return over_table(capture, cell.table_centre, (across, along))
+    return over_table(capture, cell.table)
 
 
 @pytest.mark.slow
@@ -38,7 +37,14 @@ def _cropped(cell: Cell, capture: Capture) -> Capture:
 @pytest.mark.filterwarnings("ignore:pixels lie")
 def test_the_largest_wrinkle_is_found(scene: Renderer, cell: Cell, name: str) -> None:
     capture = depth_image(scene, load_depth_camera(name), overhead_pose(*PLACE), seed=0)
-    found = analyse(range_map_from_capture(_cropped(cell, capture)))
+    found = analyse(
+        range_map_from_capture(
+            _cropped(cell, capture),
+            centre=cell.scenario.garment_centre,
+            table_height=cell.table.height,
+        ),
+        table=cell.table,
+    )
     assert found.wrinkles
     largest, ridge = found.wrinkles[0], TOWEL.ridges[0]
     along = np.array([np.cos(ridge.angle), np.sin(ridge.angle)])
@@ -90,9 +96,16 @@ def test_nothing_in_view_is_said(scene: Renderer) -> None:
 def test_the_floor_is_cropped_away(scene: Renderer, cell: Cell) -> None:
     capture = depth_image(scene, load_depth_camera("xtion"), overhead_pose(*PLACE), seed=0)
     assert np.mean(capture.depth > 1.5) > 0.4  # the floor fills more than the table
-    assert range_map_from_capture(capture).table_height < 0.1  # and is taken for it
+    assert (
+        range_map_from_capture(
+            capture, centre=cell.scenario.garment_centre, table_height=cell.table.height
+        ).table_height
+        < 0.1
+    )  # and is taken for it
     cropped = _cropped(cell, capture)
     assert not (cropped.depth > 1.2).any()
-    found = range_map_from_capture(cropped)
+    found = range_map_from_capture(
+        cropped, centre=cell.scenario.garment_centre, table_height=cell.table.height
+    )
     assert found.table_height == pytest.approx(0.70, abs=0.004)
     assert found.garment.sum() * found.resolution**2 == pytest.approx(0.23, abs=0.03)

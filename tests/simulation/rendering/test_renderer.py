@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.perception.camera import Camera
@@ -15,7 +16,6 @@ from unwrinkle.simulation.rendering.renderer import Light, Renderer, drake_camer
 from unwrinkle.simulation.rendering.synthetic_towel import overhead_pose
 from unwrinkle.simulation.rendering.textures import cloth, uniform
 
-TABLE = 0.70
 CAMERA = Camera("c", 480, 360, 900.0, 880.0, 231.4, 187.2)
 
 
@@ -51,20 +51,20 @@ def wavy() -> Renderer:
         uniform((200, 180, 160)),
         centre=(0.0, -1.1),
         size=(0.40, 0.40),
-        table_height=TABLE,
+        table_height=TABLE.height,
     )
-    return Renderer(None, [mesh])
+    return Renderer(TABLE, [mesh])
 
 
 def _height_error(renderer: Renderer, camera: Camera, taken_with: Camera) -> NDArray[np.float64]:
     """Height over the wave of the depth image, read with one camera and taken with another."""
-    X_WC = _oblique((0.0, -1.1, TABLE))
+    X_WC = _oblique((0.0, -1.1, TABLE.height))
     depth = renderer.depth(taken_with, X_WC)
     assert (depth > 0.0).all()
     p_W = _points(camera, X_WC, depth)
     on = np.abs(p_W[..., :2] - [0.0, -1.1]).max(axis=-1) < 0.16
     assert on.mean() > 0.3
-    return np.asarray((p_W[..., 2] - TABLE - _wave(p_W[..., 0], p_W[..., 1]))[on])
+    return np.asarray((p_W[..., 2] - TABLE.height - _wave(p_W[..., 0], p_W[..., 1]))[on])
 
 
 def test_depth_back_projects_to_the_surface_within_microns(wavy: Renderer) -> None:
@@ -94,7 +94,7 @@ def test_drake_counts_from_the_corner() -> None:
 @pytest.mark.parametrize("corner", [(590, 360), (290, 380), (450, 500), (280, 205)])
 def test_principal_point_may_lie_outside_the_image(wavy: Renderer, corner: tuple[int, int]) -> None:
     """A window beside the principal point sees what that part of a wide image sees."""
-    X_WC = _oblique((0.0, -1.1, TABLE), 1.2)
+    X_WC = _oblique((0.0, -1.1, TABLE.height), 1.2)
     wide = Camera("w", 1080, 880, 900.0, 900.0, 539.5, 439.5)
     u, v = corner
     window = Camera("v", 200, 160, 900.0, 900.0, 539.5 - u, 439.5 - v)
@@ -113,7 +113,7 @@ def test_quality_averages_a_picture_twice_as_large(
     monkeypatch.setattr(rendering, "_MOST_DRAWN", 10_000 if in_parts else 10_000_000)
     X_WM = np.eye(4)
     X_WM[:3, 3] = (0.0, -1.1, 0.71)
-    renderer = Renderer(None, [rectangle_mesh("r", (0.2, 0.2), cloth("terry", (0.2, 0.2)), X_WM)])
+    renderer = Renderer(TABLE, [rectangle_mesh("r", (0.2, 0.2), cloth("terry", (0.2, 0.2)), X_WM)])
     camera = Camera("c", 360, 300, 3000.0, 3000.0, 170.3, 161.8)
     X_WC = _oblique((0.0, -1.1, 0.71))
     large = renderer.colour(camera.scaled(2.0), X_WC).astype(float)
@@ -128,8 +128,8 @@ def test_quality_averages_a_picture_twice_as_large(
 
 def test_ridges_are_shaded_and_both_eyes_see_the_same_light(wavy: Renderer) -> None:
     """One colour all over: what differs is light, and it stays with the surface."""
-    first = overhead_pose(0.0, -1.1, TABLE + 1.0)
-    second = overhead_pose(0.12, -1.1, TABLE + 1.0)
+    first = overhead_pose(0.0, -1.1, TABLE.height + 1.0)
+    second = overhead_pose(0.12, -1.1, TABLE.height + 1.0)
     camera = Camera("c", 200, 200, 500.0, 500.0, 99.5, 99.5)
     images = [wavy.colour(camera, pose)[..., 1].astype(float) for pose in (first, second)]
     assert images[0].std() > 8.0
@@ -142,8 +142,8 @@ def test_ridges_are_shaded_and_both_eyes_see_the_same_light(wavy: Renderer) -> N
 
 
 def test_brightness_follows_the_lights() -> None:
-    dark = Renderer(None, lights=[Light((0.0, 0.0, -1.0), 0.25)])
-    bright = Renderer(None, lights=[Light((0.0, 0.0, -1.0), 0.75)])
+    dark = Renderer(TABLE, lights=[Light((0.0, 0.0, -1.0), 0.25)])
+    bright = Renderer(TABLE, lights=[Light((0.0, 0.0, -1.0), 0.75)])
     camera = Camera("c", 64, 64, 200.0, 200.0, 31.5, 31.5)
     X_WC = overhead_pose(0.0, -1.2, 1.8)
     levels = [renderer.colour(camera, X_WC).mean() for renderer in (dark, bright)]
@@ -152,12 +152,12 @@ def test_brightness_follows_the_lights() -> None:
 
 def test_things_move() -> None:
     plate = rectangle_mesh("plate", (0.2, 0.2), uniform((255, 0, 0)))
-    renderer = Renderer(None, [plate])
+    renderer = Renderer(TABLE, [plate])
     camera = Camera("c", 64, 64, 120.0, 120.0, 31.5, 31.5)
-    X_WC = overhead_pose(0.0, -1.1, TABLE + 1.0)
+    X_WC = overhead_pose(0.0, -1.1, TABLE.height + 1.0)
     for height in (0.05, 0.2):
         X_WM = np.eye(4)
-        X_WM[:3, 3] = (0.0, -1.1, TABLE + height)
+        X_WM[:3, 3] = (0.0, -1.1, TABLE.height + height)
         renderer.move("plate", X_WM)
         assert renderer.depth(camera, X_WC)[32, 32] == pytest.approx(1.0 - height, abs=1e-6)
     with pytest.raises(InputError, match="no item 'plato'; it has plate"):
@@ -165,7 +165,7 @@ def test_things_move() -> None:
 
 
 def test_nothing_is_zero() -> None:
-    renderer = Renderer(None)
+    renderer = Renderer(TABLE)
     camera = Camera("c", 64, 64, 30.0, 30.0, 31.5, 31.5)
     depth = renderer.depth(camera, overhead_pose(0.0, -1.2, 1.7))
     assert depth[0, 0] == 0.0 and depth[32, 32] == pytest.approx(1.0, abs=1e-6)
@@ -176,7 +176,7 @@ def test_nothing_nearer_than_the_near_plane_is_seen() -> None:
     """So the lens body in front of its own camera's optical centre does not hide the view."""
     near = np.eye(4)
     near[:3, 3] = (0.0, -1.2, 1.6)
-    renderer = Renderer(None, [rectangle_mesh("lens", (0.2, 0.2), uniform((0, 0, 0)), near)])
+    renderer = Renderer(TABLE, [rectangle_mesh("lens", (0.2, 0.2), uniform((0, 0, 0)), near)])
     camera = Camera("c", 64, 64, 120.0, 120.0, 31.5, 31.5)
     depth = renderer.depth(camera, overhead_pose(0.0, -1.2, 1.7))
     assert depth[32, 32] == pytest.approx(1.0, abs=1e-6)
@@ -185,8 +185,8 @@ def test_nothing_nearer_than_the_near_plane_is_seen() -> None:
 def test_bad_scenes_are_refused() -> None:
     plate = rectangle_mesh("plate", (0.2, 0.2), uniform((255, 0, 0)))
     with pytest.raises(InputError, match="two items"):
-        Renderer(None, [plate, plate])
+        Renderer(TABLE, [plate, plate])
     with pytest.raises(InputError, match="no robot"):
-        Renderer(None).set_posture()
+        Renderer(TABLE).set_posture()
     with pytest.raises(InputError, match=r"posture \(12,\)"):
         Renderer(load_cell(), posture=np.zeros(12))

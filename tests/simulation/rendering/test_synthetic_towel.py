@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from unwrinkle.benchmarks._data import GARMENT_CENTRE, TABLE
 from unwrinkle.models import models_dir
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.range_mapping import load_capture, range_map_from_capture
@@ -80,7 +81,7 @@ def test_oblique_capture_gives_back_the_surface() -> None:
     X_WC[:3, :3] = tilt @ X_WC[:3, :3]
     X_WC[:3, 3] = np.array([0.0, -1.1, 0.7]) - 1.35 * X_WC[:3, 2]
     capture = capture_of(towel, camera, X_WC, seed=5)
-    range_map = range_map_from_capture(capture)
+    range_map = range_map_from_capture(capture, centre=GARMENT_CENTRE, table_height=TABLE.height)
     error = _error(range_map, towel)
     assert abs(error.mean()) < 3e-5
     assert error.std() < 2.5e-4
@@ -98,7 +99,9 @@ def test_shipped_capture_is_what_the_generator_makes() -> None:
 
 def test_shipped_capture_measures_the_towel() -> None:
     towel = wrinkled_towel(SEED)
-    range_map = range_map_from_capture(load_capture(SHIPPED))
+    range_map = range_map_from_capture(
+        load_capture(SHIPPED), centre=GARMENT_CENTRE, table_height=TABLE.height
+    )
     error = _error(range_map, towel)
     assert abs(error.mean()) < 1e-5
     assert error.std() < 1.2e-4

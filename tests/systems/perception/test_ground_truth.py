@@ -6,21 +6,20 @@ import numpy as np
 import pytest
 from pydrake.common.value import Value
 
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.flattening.messages import Perceived
 from unwrinkle.flattening.station_messages import DepthImage
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import load_scenario, with_sensor
-from unwrinkle.simulation.cloth.cloth import Cloth, ClothState, Support
+from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.outlines import outline
 from unwrinkle.systems.perception.ground_truth import TruePerceptionSystem
 
 
 @pytest.fixture(scope="module")
 def cloth() -> Cloth:
-    return Cloth(
-        outline("towel", 40), load_material("terry"), Support((0.0, -1.2), (0.8, 0.8), 0.7)
-    )
+    return Cloth(outline("towel", 40), load_material("terry"), TABLE)
 
 
 def looked(cloth: Cloth, state: ClothState, image: DepthImage, seed: int = 0) -> Perceived:

@@ -8,17 +8,18 @@ from unwrinkle.flattening.policy import PolicyState, Stop, decide
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import LoopSettings
+from unwrinkle.models.table import Table
 from unwrinkle.perception.sensor import noise_profile
 from unwrinkle.perception.wrinkles.analysis import analyse
-from unwrinkle.simulation.cloth.cloth import Cloth, Support
+from unwrinkle.simulation.cloth.cloth import Cloth
 from unwrinkle.simulation.cloth.outlines import outline
 from unwrinkle.systems.perception.true_range_map import true_range_map
 
-TABLE = Support((0.0, -1.10), (0.8, 0.8), 0.70)
+TABLE = Table((0.0, -1.10), (0.8, 0.8), 0.70)
 
 
 def _towel(spread: tuple[float, float] = TABLE.size) -> Cloth:
-    table = Support(TABLE.centre, spread, TABLE.height)
+    table = Table(TABLE.centre, spread, TABLE.height)
     return Cloth(outline("towel", 40), load_material("terry"), table)
 
 
@@ -38,7 +39,7 @@ def test_a_flat_towel_lies_where_it_is_and_is_as_thick_as_it_is() -> None:
     assert seen.valid.all() and seen.table_height == 0.70
     steps = np.diff(off[:2000])
     assert steps.std() < 0.5 * noise  # alike from cell to cell
-    found = analyse(seen)
+    found = analyse(seen, table=TABLE)
     decision = decide(Observation.of(found).features, PolicyState(), LoopSettings())
     assert isinstance(decision, Stop) and decision.flat
 

@@ -10,6 +10,7 @@ from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, State
 
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.flattening.station_messages import (
     GripperCommand,
     HeadCommand,
@@ -21,7 +22,7 @@ from unwrinkle.models.scenario import load_scenario
 from unwrinkle.perception.stereo.head import Gaze, StereoHead
 from unwrinkle.perception.stereo.head_file import nominal_calibration
 from unwrinkle.perception.stereo.pair import StereoPair
-from unwrinkle.perception.stereo.range_mapping import KnownTable, range_map_from_pair
+from unwrinkle.perception.stereo.range_mapping import range_map_from_pair
 from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.simulation.cloth.initial_states import ridge
 from unwrinkle.simulation.cloth.measures import height_map
@@ -234,7 +235,7 @@ def test_heights_of_a_wrinkled_cloth_are_seen_to_the_millimetre(
     gaze = head.gaze_at(np.array([0.0, -1.1, 0.70]))
     posture = Posture(np.zeros(13), np.array(dc.astuple(gaze))[:4])
     pair = CellPhotographer(cell, cloth, head, 0).pair(posture, state, 0)
-    seen = range_map_from_pair(StereoPair(*pair), head, gaze, table=KnownTable())
+    seen = range_map_from_pair(StereoPair(*pair), head, gaze, table=TABLE)
     truth, origin = height_map(cloth, state, seen.resolution)
     rows, columns = np.nonzero(np.isfinite(truth))
     shift = np.rint((np.array(origin) - seen.origin) / seen.resolution).astype(int)

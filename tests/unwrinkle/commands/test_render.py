@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from unwrinkle import cli
+from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.commands.render import truth_of
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.stereo.head_file import load_look
@@ -56,7 +57,7 @@ def test_pair_is_measured_as_its_truth_says(
     X_WL, _ = head.poses(look.gaze)
     at = X_WL[:3, 3] + X_WL[:3, 2] * (0.70 - X_WL[2, 3]) / X_WL[2, 2]
     assert at == pytest.approx([-0.05, -1.12, 0.70], abs=0.001)
-    measured = range_map_from_pair(pair, head, look.gaze)
+    measured = range_map_from_pair(pair, head, look.gaze, table=TABLE)
     truth = RangeMap.load(out / "truth.npz")
     rows, columns = np.nonzero(measured.valid)
     x, y = measured.world_from_cell(np.column_stack([columns, rows])).T

@@ -41,8 +41,8 @@ def test_good_plan(
     assert verify(monkeypatch, tmp_path / "plan.npz", "--json", tmp_path / "verdict.json") == 0
     captured = capsys.readouterr()
     assert captured.err == ""
-    assert "is safe" in captured.out
-    for word in ("jerk", "tip speed", "finger table", "proven"):
+    assert "is verified against the model of the cell" in captured.out
+    for word in ("jerk", "tip speed", "finger table", "bound"):
         assert word in captured.out
     verdict = json.loads((tmp_path / "verdict.json").read_text())
     assert verdict["passed"] is True
@@ -61,7 +61,7 @@ def test_bad_plan(
     assert "there are 1 gripper events, expected 2" in " ".join(captured.out.split())
     assert "FAIL" in captured.out
     assert captured.err.startswith("unwrinkle: plan ") and captured.err.count("\n") == 1
-    assert "NOT safe" in captured.err
+    assert "NOT verified" in captured.err
     assert json.loads((tmp_path / "verdict.json").read_text())["violations"][0]["kind"] == "gripper"
 
 

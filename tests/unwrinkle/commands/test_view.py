@@ -55,12 +55,14 @@ def test_preview_writes_a_page(
     text = page.read_text(encoding="utf-8")
     panel = text[text.index('<div id="panel">') :]
     assert plan.content_hash in panel
-    assert re.search(r'class="verdict pass"><b>safe</b> smallest clearance <b>\d+\.\d mm', panel)
+    assert re.search(
+        r'class="verdict pass"><b>verified</b> smallest clearance <b>\d+\.\d mm', panel
+    )
     assert '"at": 0.5' in panel
     assert page.stat().st_size < 10_000_000
     out = capsys.readouterr().out
     assert f"{page}: plan {plan.content_hash}" in out
-    assert "is safe; smallest clearance" in out
+    assert "is verified against the model of the cell; smallest clearance" in out
 
 
 def test_preview_of_an_unsafe_plan_exits_3_with_its_page(
@@ -73,9 +75,9 @@ def test_preview_of_an_unsafe_plan_exits_3_with_its_page(
     bad, page = tmp_path / "bad.npz", tmp_path / "bad.html"
     dc.replace(good, events=(late, good.events[1])).save(bad)
     assert main("preview", bad, "--html", page) == 3
-    assert '<p class="verdict fail"><b>not safe</b>' in page.read_text(encoding="utf-8")
+    assert '<p class="verdict fail"><b>not verified</b>' in page.read_text(encoding="utf-8")
     error = capsys.readouterr().err
-    assert "NOT safe" in error
+    assert "NOT verified" in error
     assert error.count("\n") == 1
 
 

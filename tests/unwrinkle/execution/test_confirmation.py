@@ -46,5 +46,5 @@ def test_without_a_terminal_nothing_is_confirmed(
 
     monkeypatch.setattr("builtins.input", no_terminal)
     ask = Confirmation(Console(file=io.StringIO()))
-    verdict = SimpleNamespace(summary=lambda: "safe")
+    verdict = SimpleNamespace(summary=lambda: "verified")
     assert "no terminal" in ask(plan, verdict)  # type: ignore[arg-type]
