@@ -30,7 +30,7 @@ def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(_THREADS, thread_name_prefix="strip")
 
 
-def in_strips(kernel: Callable[..., None], rows: int, *arguments: Any) -> None:
+def parallel_rows(kernel: Callable[..., None], rows: int, *arguments: Any) -> None:
     """Call `kernel(first, last, *arguments)` for strips that share out `rows`.
 
     Args:
@@ -47,6 +47,6 @@ def in_strips(kernel: Callable[..., None], rows: int, *arguments: Any) -> None:
         done.result()
 
 
-def together(function: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
+def parallel_map(function: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
     """Return the function's results for items, in order; it must release Python's lock to gain."""
     return list(_pool().map(function, items))

@@ -104,6 +104,30 @@ class Camera:
         grid = np.asarray(undistorted, dtype=float).reshape(self.height, self.width, 2)
         return grid[..., 0], grid[..., 1]
 
+    def unproject(
+        self, pixels: NDArray[np.floating[Any]], depth: NDArray[np.floating[Any]] | float
+    ) -> NDArray[np.float64]:
+        """Return the camera-frame points (..., 3), metres, of pixels at a depth.
+
+        Args:
+            pixels: (..., 2) u, v.
+            depth: metres along the optical axis, one for each pixel or one for all.
+        """
+        pixels = np.asarray(pixels, dtype=float)
+        if any(self.distortion):
+            distorted = pixels.reshape(-1, 1, 2)
+            ideal = cv2.undistortPoints(distorted, self.matrix, np.array(self.distortion))
+            rays = np.asarray(ideal, dtype=float).reshape(pixels.shape)
+        else:
+            rays = (pixels - [self.cx, self.cy]) / [self.fx, self.fy]
+        z = np.broadcast_to(np.asarray(depth, dtype=float), rays.shape[:-1])
+        return np.stack([rays[..., 0] * z, rays[..., 1] * z, z], axis=-1)
+
+    def unproject_image(self, depth: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+        """Return the camera-frame points (height, width, 3), metres, of a depth image."""
+        x, y = self.rays()
+        return np.stack([x * depth, y * depth, depth], axis=-1)
+
     def project(self, points: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
         """Pixel u, v of camera-frame points (..., 3) in metres; the result is (..., 2)."""
         points = np.asarray(points, dtype=float)

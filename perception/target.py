@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.choices import PullReading
 from unwrinkle.models.errors import InputError
 
 Vector = NDArray[np.float64]
@@ -24,15 +25,6 @@ STRETCH_LIMIT = 1.10
 #: A motion's grippers are up to 0.1 mm further apart than its target says, and its verification is strict: pulls that go
 #: to the limit stay this far within it, metres.
 STRETCH_MARGIN = 0.001
-
-#: Eq. 5's readings: between the inflection lines (paper), on to the wrinkle's feet, or the mean of both.
-MODES = ("paper", "foot", "between")
-
-#: Where along a wrinkle the section goes that the hands pull in: through its centre, or its highest part.
-SECTIONS = ("centre", "highest")
-
-#: What each hand pulls: the wrinkle's slack (Eq. 5), or that of all that the section crosses.
-PULLS = ("wrinkle", "section")
 
 
 def _frozen_vector(value: Any, size: int, name: str) -> Vector:
@@ -110,7 +102,7 @@ class FlatteningTarget:
     p_WC: Vector
     wrinkle_direction: Vector
     geodesic_distance: float
-    mode: str
+    mode: PullReading
 
     def __post_init__(self) -> None:
         """Check and freeze. Raises InputError, also for a pull that would overstretch the cloth."""
@@ -120,8 +112,7 @@ class FlatteningTarget:
         object.__setattr__(self, "p_WC", _frozen_vector(self.p_WC, 3, "p_WC"))
         direction = _unit_vector(self.wrinkle_direction, "wrinkle_direction")
         object.__setattr__(self, "wrinkle_direction", direction)
-        if self.mode not in MODES:
-            raise InputError(f"mode must be one of {MODES}, got {self.mode!r}")
+        object.__setattr__(self, "mode", PullReading(self.mode))
         if not (math.isfinite(self.geodesic_distance) and self.geodesic_distance > 0.0):
             raise InputError(f"geodesic_distance must be > 0, got {self.geodesic_distance!r}")
         limit = STRETCH_LIMIT * self.geodesic_distance
@@ -167,7 +158,7 @@ class FlatteningTarget:
             "p_WC": self.p_WC.tolist(),
             "wrinkle_direction": self.wrinkle_direction.tolist(),
             "geodesic_distance": float(self.geodesic_distance),
-            "mode": self.mode,
+            "mode": self.mode.value,
         }
 
     @classmethod

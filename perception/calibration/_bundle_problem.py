@@ -19,7 +19,7 @@ from unwrinkle.perception.calibration.projection import (
     project_with_derivatives,
     with_step,
 )
-from unwrinkle.perception.calibration.rig import Rig, Shot, moved
+from unwrinkle.perception.calibration.rig import BoardObservation, Rig, moved
 
 _STEPS = 60
 _SETTLED = 1e-8  # relative decrease of the cost
@@ -30,13 +30,13 @@ _log = logging.getLogger(__name__)
 State = tuple[Rig, NDArray[np.float64]]
 
 
-class Problem:
+class BundleProblem:
     """Residuals and their derivatives over one vector of unknowns."""
 
     def __init__(
         self,
         rig: Rig,
-        shots: list[Shot],
+        shots: list[BoardObservation],
         intrinsics: bool,
         mounts: bool,
         bases: bool,
@@ -126,7 +126,9 @@ class Problem:
         R_CB = R_CM @ X_MB[:, :3, :3]
         return p_C, p_M, p_B, R_CM, R_CB, X_CT[:, :3, :3]
 
-    def _mount(self, shot: Shot, slots: NDArray[np.intp], joints: NDArray[np.float64]) -> Pose:
+    def _mount(
+        self, shot: BoardObservation, slots: NDArray[np.intp], joints: NDArray[np.float64]
+    ) -> Pose:
         if slots[0] < 0:
             return shot.X_BM
         return moved(shot.X_BM, joints[slots[: len(shot.axes)] - self.joint_start] @ shot.axes)
@@ -202,7 +204,9 @@ class Problem:
         return matrix, side
 
 
-def levenberg_marquardt(problem: Problem, start: State | None) -> tuple[State, NDArray[np.float64]]:
+def levenberg_marquardt(
+    problem: BundleProblem, start: State | None
+) -> tuple[State, NDArray[np.float64]]:
     """Return the best state and the covariance of the unknowns there."""
     state = start or problem.start
     residual = problem.residual(state)

@@ -52,7 +52,7 @@ class Board:
     marker: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse boards that cannot be found or told from their own half turn."""
+        """Refuse boards that cannot be found or progress from their own half turn."""
         label = f"board {self.columns}x{self.rows}"
         if min(self.columns, self.rows) < _FEWEST_CORNERS:
             raise InputError(
@@ -74,7 +74,7 @@ class Board:
                 )
         elif (self.columns + self.rows) % 2 == 0:
             raise InputError(
-                f"{label}: looks the same after half a turn, so its corners cannot be told apart; "
+                f"{label}: looks the same after half a turn, so its corners cannot be progress apart; "
                 "take one with an odd and an even number of corners, or a ChArUco board"
             )
 

@@ -9,8 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.perception.calibration._bundle_problem import Problem, State, levenberg_marquardt
-from unwrinkle.perception.calibration.rig import Rig, Shot
+from unwrinkle.perception.calibration._bundle_problem import (
+    BundleProblem,
+    State,
+    levenberg_marquardt,
+)
+from unwrinkle.perception.calibration.rig import BoardObservation, Rig
 
 _FIRST_NOISE = 0.1  # pixels
 _WEIGHINGS = 3
@@ -49,7 +53,7 @@ class Adjustment:
 
 def adjust(
     rig: Rig,
-    shots: list[Shot],
+    shots: list[BoardObservation],
     *,
     intrinsics: bool = True,
     mounts: bool = True,
@@ -75,7 +79,7 @@ def adjust(
     spread_of_joints = _FIRST_JOINT_NOISE if joint_noise is None else joint_noise
     start: State | None = None
     for _ in range(_WEIGHINGS_LEARNING if joint_noise is None else _WEIGHINGS):
-        problem = Problem(rig, shots, intrinsics, mounts, bases, spread_of_joints, noise)
+        problem = BundleProblem(rig, shots, intrinsics, mounts, bases, spread_of_joints, noise)
         state, covariance = levenberg_marquardt(problem, start)
         start = state
         residual = problem.misses(*state)

@@ -15,7 +15,7 @@ from unwrinkle.models.arrays import Pose
 from unwrinkle.models.files import write_text
 from unwrinkle.models.transforms import PoseRecord
 from unwrinkle.perception.calibration.boards import Board, BoardView, NoBoard, find_board, load_grey
-from unwrinkle.perception.calibration.head import HeadLook
+from unwrinkle.perception.calibration.head import HeadView
 from unwrinkle.perception.calibration.stereo import PairView, StereoCalibration
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.stereo.head import Gaze
@@ -25,7 +25,7 @@ _SIDE = re.compile(r"left|right", re.IGNORECASE)
 _WORKERS = 2
 _NAMELESS = "pair"  # left.png and right.png, with nothing else in their names
 
-Told = Callable[[int, int, str], None]
+Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class ImagePair:
 
 
 @dataclass(frozen=True)
-class EyeLook:
+class EyeImage:
     """One eye in a file of looks: its image (empty for none) and its angles in radians."""
 
     image: str = ""
@@ -47,7 +47,7 @@ class EyeLook:
 
 
 @dataclass(frozen=True)
-class LookRecord:
+class HeadViewRecord:
     """One look in a file of looks.
 
     Attributes:
@@ -58,21 +58,21 @@ class LookRecord:
     """
 
     name: str = ""
-    left: EyeLook = field(default_factory=EyeLook)
-    right: EyeLook = field(default_factory=EyeLook)
+    left: EyeImage = field(default_factory=EyeImage)
+    right: EyeImage = field(default_factory=EyeImage)
     ext_axis: float = 0.0
     place: str = ""
 
 
 @dataclass(frozen=True)
-class Looks:
+class HeadViews:
     """The schema of looks.yaml; images are named relative to it."""
 
-    looks: list[LookRecord] = field(default_factory=list)
+    looks: list[HeadViewRecord] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
-class GripperLook:
+class GripperView:
     """One look of a camera in the gripper: its image, and X_WG, the gripper's pose then."""
 
     image: str = ""
@@ -80,10 +80,10 @@ class GripperLook:
 
 
 @dataclass(frozen=True)
-class GripperLooks:
+class GripperViews:
     """The schema of poses.yaml; images are named relative to it."""
 
-    looks: list[GripperLook] = field(default_factory=list)
+    looks: list[GripperView] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -147,14 +147,14 @@ def find_pairs(paths: Sequence[Path]) -> list[ImagePair]:
 
 
 def find_boards(
-    images: Sequence[Path], board: Board, told: Told | None = None
+    images: Sequence[Path], board: Board, progress: Progress | None = None
 ) -> list[BoardView | NoBoard]:
     """Find a board in each image file, two at a time.
 
     Args:
         images: files.
         board: to look for.
-        told: called with the number done, the number of all, and the file's name.
+        progress: called with the number done, the number of all, and the file's name.
 
     Raises:
         InputError: a file is missing or is no image.
@@ -167,20 +167,22 @@ def find_boards(
     with ThreadPoolExecutor(_WORKERS) as workers:
         for path, view in zip(images, workers.map(find, images), strict=True):
             found.append(view)
-            if told is not None:
-                told(len(found), len(images), path.name)
+            if progress is not None:
+                progress(len(found), len(images), path.name)
     return found
 
 
-def view_pairs(
-    pairs: Sequence[ImagePair], board: Board, told: Told | None = None
+def find_board_pairs(
+    pairs: Sequence[ImagePair], board: Board, progress: Progress | None = None
 ) -> tuple[list[PairView], list[str]]:
     """Find the board in pairs of images; also say which pairs lack it, and why.
 
     Raises:
         InputError: a file is missing or is no image.
     """
-    found = find_boards([file for pair in pairs for file in (pair.left, pair.right)], board, told)
+    found = find_boards(
+        [file for pair in pairs for file in (pair.left, pair.right)], board, progress
+    )
     views, missing = [], []
     for pair, left, right in zip(pairs, found[::2], found[1::2], strict=True):
         if isinstance(left, BoardView) and isinstance(right, BoardView):
@@ -190,15 +192,15 @@ def view_pairs(
     return views, missing
 
 
-def view_looks(
-    path: Path, board: Board, told: Told | None = None
-) -> tuple[list[HeadLook], list[str]]:
+def read_head_views(
+    path: Path, board: Board, progress: Progress | None = None
+) -> tuple[list[HeadView], list[str]]:
     """Read looks.yaml and find the board in its images; also say where it is not, and why.
 
     Raises:
         InputError: the file or an image is missing or unreadable, or angles are missing.
     """
-    records = load_yaml(path, Looks).looks
+    records = load_yaml(path, HeadViews).looks
     if not records:
         raise InputError(f"{path}: has no looks; list them under 'looks'")
     names = [record.name or f"look {number + 1}" for number, record in enumerate(records)]
@@ -209,7 +211,7 @@ def view_looks(
                 raise InputError(f"{path}: {name} needs pan and tilt of both eyes, in radians")
             if side.image:
                 files[k, eye] = path.parent / side.image
-    found = dict(zip(files, find_boards(list(files.values()), board, told), strict=True))
+    found = dict(zip(files, find_boards(list(files.values()), board, progress), strict=True))
     looks, missing = [], []
     for k, (name, record) in enumerate(zip(names, records, strict=True)):
         sides = [found.get((k, eye)) for eye in (0, 1)]
@@ -217,23 +219,23 @@ def view_looks(
             missing.append(f"{name}: {reasons}")
         left, right = (side if isinstance(side, BoardView) else None for side in sides)
         angles = (record.left.pan, record.left.tilt, record.right.pan, record.right.tilt)
-        looks.append(HeadLook(name, Gaze(*angles, record.ext_axis), left, right, record.place))
+        looks.append(HeadView(name, Gaze(*angles, record.ext_axis), left, right, record.place))
     return looks, missing
 
 
-def view_poses(
-    path: Path, board: Board, told: Told | None = None
+def read_gripper_views(
+    path: Path, board: Board, progress: Progress | None = None
 ) -> tuple[list[Pose], list[BoardView], list[str]]:
     """Read poses.yaml: X_WG of each look where the board was found, the board there, the rest.
 
     Raises:
         InputError: the file or an image is missing or unreadable, or a pose is no rigid motion.
     """
-    records = load_yaml(path, GripperLooks).looks
+    records = load_yaml(path, GripperViews).looks
     if not records:
         raise InputError(f"{path}: has no looks; list image and pose under 'looks'")
     X_WG = [record.pose.matrix(f"{path}: {record.image}") for record in records]
-    found = find_boards([path.parent / record.image for record in records], board, told)
+    found = find_boards([path.parent / record.image for record in records], board, progress)
     kept = [(X, view) for X, view in zip(X_WG, found, strict=True) if isinstance(view, BoardView)]
     missing = [f"{view.name}: {view.reason}" for view in found if isinstance(view, NoBoard)]
     return [X for X, _ in kept], [view for _, view in kept], missing

@@ -16,7 +16,7 @@ from unwrinkle.perception.calibration.checks import (
     worst_outlier,
 )
 from unwrinkle.perception.calibration.hand_eye import HandEye, outlying, solve_hand_eye
-from unwrinkle.perception.calibration.rig import Rig, Shot
+from unwrinkle.perception.calibration.rig import BoardObservation, Rig
 from unwrinkle.perception.calibration.stereo import calibrate_camera
 from unwrinkle.perception.camera import Camera
 
@@ -86,7 +86,7 @@ def calibrate_gripper_camera(
     while True:
         solution = solve_hand_eye(poses, X_CT, name=name)
         rig = Rig((camera,), (solution.X_MC,), (np.eye(4),), (solution.X_BT,))
-        shots = [Shot(view, 0, 0, 0, X) for X, view in zip(poses, kept, strict=True)]
+        shots = [BoardObservation(view, 0, 0, 0, X) for X, view in zip(poses, kept, strict=True)]
         fit = adjust(rig, shots, intrinsics=free)
         worst = worst_outlier(fit.shot_rms)
         if worst is None:

@@ -22,7 +22,7 @@ from unwrinkle.models.arrays import Pose
 from unwrinkle.models.transforms import inverse, pose
 from unwrinkle.perception.calibration.projection import crosses
 
-FEWEST_LOOKS = 8
+MIN_VIEWS = 8
 LEAST_TURN = np.radians(6.0)
 _MOST_TURN_APART = np.radians(0.5)
 _MOST_SHIFT_APART = 0.015
@@ -70,9 +70,9 @@ def solve_hand_eye(
     """
     if len(X_BM) != len(X_CT):
         raise InputError(f"{name}: {len(X_BM)} poses of the mount, {len(X_CT)} of the board")
-    if len(X_BM) < FEWEST_LOOKS:
+    if len(X_BM) < MIN_VIEWS:
         raise InputError(
-            f"{name}: {len(X_BM)} usable looks, wanted at least {FEWEST_LOOKS}; take more"
+            f"{name}: {len(X_BM)} usable looks, wanted at least {MIN_VIEWS}; take more"
         )
     spread, axes = turn_spread(X_BM)
     if spread[1] < LEAST_TURN:

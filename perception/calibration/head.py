@@ -26,14 +26,14 @@ from unwrinkle.perception.calibration.checks import (
     worst_outlier,
 )
 from unwrinkle.perception.calibration.hand_eye import (
-    FEWEST_LOOKS,
     LEAST_TURN,
+    MIN_VIEWS,
     HandEye,
     mean_pose,
     outlying,
     solve_hand_eye,
 )
-from unwrinkle.perception.calibration.rig import Rig, Shot, joint_axes
+from unwrinkle.perception.calibration.rig import BoardObservation, Rig, joint_axes
 from unwrinkle.perception.calibration.stereo import PairView, StereoCalibration, row_error
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.stereo.head import Gaze, PanTiltUnit
@@ -50,7 +50,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
-class HeadLook:
+class HeadView:
     """A board seen at known angles of the head.
 
     Attributes:
@@ -96,7 +96,7 @@ class HeadFit:
 
 
 def calibrate_head(
-    looks: list[HeadLook],
+    looks: list[HeadView],
     stereo: StereoCalibration,
     nominal: HeadCalibration,
     *,
@@ -166,7 +166,7 @@ def calibrate_head(
 class _Eye:
     """One eye's usable looks, with poses of mount and board, and its own solution."""
 
-    looks: list[HeadLook]
+    looks: list[HeadView]
     X_BM: list[Pose]
     X_CT: list[Pose]
     axes: list[NDArray[np.float64]]
@@ -175,7 +175,7 @@ class _Eye:
 
 
 def _one_eye(
-    looks: list[HeadLook], eye: int, camera: Camera, unit: PanTiltUnit, rejected: list[str]
+    looks: list[HeadView], eye: int, camera: Camera, unit: PanTiltUnit, rejected: list[str]
 ) -> _Eye:
     name = f"hand-eye calibration, {_EYES[eye]} eye"
     numbers = [k for k, look in enumerate(looks) if look.view(eye) is not None]
@@ -237,7 +237,7 @@ def _worst(fit: Adjustment, ours: NDArray[np.bool_]) -> tuple[int | None, str]:
 
 def _problem(
     eyes: tuple[_Eye, ...], cameras: tuple[Camera, Camera], stereo: StereoCalibration
-) -> tuple[list[tuple[str | None, Shot]], Rig]:
+) -> tuple[list[tuple[str | None, BoardObservation]], Rig]:
     """Shots, each with its look's name (None in the stereo calibration), and where to start.
 
     Bases: the left unit, the right unit, and a stand-in for the unknown gaze that the right camera
@@ -265,12 +265,12 @@ def _problem(
     right_base = mean_pose([seen[0][place] @ inverse(seen[1][place]) for place in common])
     places = sorted(set(seen[0]) | set(seen[1]))
     boards = [seen[0][p] if p in seen[0] else right_base @ seen[1][p] for p in places]
-    shots: list[tuple[str | None, Shot]] = []
+    shots: list[tuple[str | None, BoardObservation]] = []
     for k, eye in enumerate(eyes):
         for look, X_BM, axes, stop in zip(eye.looks, eye.X_BM, eye.axes, eye.numbers, strict=True):
             view = look.view(k)
             if view is not None:
-                shot = Shot(view, k, k, places.index(look.place), X_BM, axes, stop)
+                shot = BoardObservation(view, k, k, places.index(look.place), X_BM, axes, stop)
                 shots.append((look.name, shot))
     pairs = stereo.pair_views()
     bases = [np.eye(4), right_base]
@@ -280,14 +280,14 @@ def _problem(
     for pair in pairs:
         boards.append(mounts[0] @ board_pose(pair.left, cameras[0]))
         for k, view in enumerate((pair.left, pair.right)):
-            shots.append((None, Shot(view, k, 2 * k, len(boards) - 1, np.eye(4))))
+            shots.append((None, BoardObservation(view, k, 2 * k, len(boards) - 1, np.eye(4))))
     return shots, Rig(cameras, mounts, tuple(bases), tuple(boards))
 
 
 def _calibration(
     nominal: HeadCalibration,
     fit: Adjustment,
-    shots: list[tuple[str | None, Shot]],
+    shots: list[tuple[str | None, BoardObservation]],
     stereo: StereoCalibration,
     date: datetime.date | None,
 ) -> HeadCalibration:
@@ -322,9 +322,9 @@ def _calibration(
     )
 
 
-def _row_residual(fit: Adjustment, shots: list[tuple[str | None, Shot]]) -> float:
+def _row_residual(fit: Adjustment, shots: list[tuple[str | None, BoardObservation]]) -> float:
     """RMS row error of the looks, each rectified by what the angles say of the pair."""
-    by_stop: dict[int, dict[int, Shot]] = {}
+    by_stop: dict[int, dict[int, BoardObservation]] = {}
     for look, shot in shots:
         if look is not None:
             by_stop.setdefault(shot.stop, {})[shot.eye] = shot
@@ -339,10 +339,10 @@ def _row_residual(fit: Adjustment, shots: list[tuple[str | None, Shot]]) -> floa
 
 
 def _check_count(count: int, eye: int, rejected: list[str]) -> None:
-    if count < FEWEST_LOOKS:
+    if count < MIN_VIEWS:
         raise InputError(
             f"hand-eye calibration: {count} usable looks of the {_EYES[eye]} eye at one board, "
-            f"wanted at least {FEWEST_LOOKS}{listed(rejected)}; take more"
+            f"wanted at least {MIN_VIEWS}{listed(rejected)}; take more"
         )
 
 
@@ -385,7 +385,7 @@ def _angles(gaze: Gaze, eye: int) -> tuple[float, float]:
     return (gaze.left, gaze.right)[eye]
 
 
-def _pair_name(shot: Shot) -> str:
+def _pair_name(shot: BoardObservation) -> str:
     return "stereo " + shot.view.name.rpartition(",")[0]
 
 

@@ -37,7 +37,7 @@ class Rig:
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
+class BoardObservation:
     """A board in one image.
 
     Attributes:

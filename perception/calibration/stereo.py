@@ -29,7 +29,7 @@ from unwrinkle.perception.calibration.checks import (
     worst_outlier,
 )
 from unwrinkle.perception.calibration.hand_eye import angle_between
-from unwrinkle.perception.calibration.rig import Rig, Shot
+from unwrinkle.perception.calibration.rig import BoardObservation, Rig
 from unwrinkle.perception.camera import Camera
 
 _PAIR_TURN = np.radians(2.0)
@@ -228,7 +228,7 @@ def calibrate_camera(views: list[BoardView], name: str) -> Camera:
     check_count(len(views), [])
     camera = _alone(views, name)
     boards = tuple(board_pose(view, camera) for view in views)
-    shots = [Shot(view, 0, 0, k, np.eye(4)) for k, view in enumerate(views)]
+    shots = [BoardObservation(view, 0, 0, k, np.eye(4)) for k, view in enumerate(views)]
     fit = adjust(Rig((camera,), (np.eye(4),), (np.eye(4),), boards), shots, mounts=False)
     check_residual(fit.rms, f"{name} camera")
     check_focal(name, float(fit.camera_sigma[0, 0] / camera.fx))
@@ -306,7 +306,7 @@ def _apart(X: Pose, middle: Pose) -> bool:
 def _together(rig: Rig, pairs: list[PairView]) -> Adjustment:
     boards = tuple(board_pose(pair.left, rig.cameras[0]) for pair in pairs)
     shots = [
-        Shot(view, eye, eye, k, np.eye(4))
+        BoardObservation(view, eye, eye, k, np.eye(4))
         for k, pair in enumerate(pairs)
         for eye, view in enumerate((pair.left, pair.right))
     ]

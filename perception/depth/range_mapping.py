@@ -1,6 +1,7 @@
 """From a capture to a range map: table plane, garment mask, place in the world, metric grid."""
 
 import logging
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -8,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
-from unwrinkle.perception.camera import Camera
+from unwrinkle.models.errors import InsufficientViewError
 from unwrinkle.perception.depth.capture import DEFAULT_CAMERA, Capture, load_capture, save_capture
 from unwrinkle.perception.depth.segmentation import Segmentation, one_piece, segment
 from unwrinkle.perception.depth.table_plane import TableFit, fit_table
@@ -72,7 +73,7 @@ def range_map_from_capture(
     seen = capture.depth > 0.0
     holes = 1.0 - float(np.mean(seen[segmentation.garment]))
     if holes > _MOST_HOLES_ON_GARMENT:
-        raise InputError(
+        raise InsufficientViewError(
             f"{capture.name}: insufficient view, {holes:.0%} of the garment has no reading, at "
             f"most {_MOST_HOLES_ON_GARMENT:.0%} may lack; look again"
         )
@@ -83,13 +84,37 @@ def range_map_from_capture(
         1e3 * table.rms,
         segmentation.method,
     )
-    points_C = _points(table.depth, capture.camera)
+    points_C = capture.camera.unproject_image(table.depth)
     if capture.X_WC is not None:
-        R_WC, p_WC = capture.X_WC[:3, :3], capture.X_WC[:3, 3]
-        table_height = _table_height(R_WC, p_WC, table, points_C, segmentation.garment, capture)
+        placed = _posed(capture, capture.X_WC, table, points_C, segmentation.garment)
     else:
-        R_WC, p_WC = _laid(table, points_C, segmentation.garment & seen, centre, table_height, yaw)
-    return _gridded(capture, profile, table, segmentation, points_C, R_WC, p_WC, table_height)
+        garment = segmentation.garment & seen
+        placed = _laid(table, points_C, garment, centre, table_height, yaw)
+    return _gridded(capture, profile, table, segmentation, placed)
+
+
+@dataclass(frozen=True, eq=False)
+class _PlacedPoints:
+    """The points of a depth image and the pose of their camera.
+
+    Attributes:
+        points_C: (h, w, 3) in the camera frame C, metres.
+        R_WC, p_WC: (3, 3) and (3,), pose of C in the world.
+        table_height: world z of the table, metres.
+    """
+
+    points_C: NDArray[np.float64]
+    R_WC: NDArray[np.float64]
+    p_WC: NDArray[np.float64]
+    table_height: float
+
+    def plan(self) -> NDArray[np.float64]:
+        """Return the world x, y (h, w, 2) of the points, metres."""
+        return np.asarray(self.points_C @ self.R_WC[:2].T + self.p_WC[:2])
+
+    def in_camera(self, points_W: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return world points (..., 3) in the camera frame, metres."""
+        return np.asarray((points_W - self.p_WC) @ self.R_WC)
 
 
 def segment_capture(
@@ -102,21 +127,19 @@ def segment_capture(
     Raises:
         InputError: no table or no garment; the message names the capture.
     """
-    seen = capture.depth > 0.0
-    try:
-        table = fit_table(capture.depth, capture.camera, profile, seed=seed)
-        segmentation = segment(
-            table.height,
-            seen,
-            profile,
-            colour=capture.colour,
-            registered=capture.colour_registered,
-            seed=seed,
-        )
-        near = _grown(segmentation.garment)
-        table = fit_table(capture.depth, capture.camera, profile, exclude=near, seed=seed)
-    except InputError as error:
-        raise InputError(str(error).replace("capture:", f"{capture.name}:", 1)) from None
+    depth, camera, name = capture.depth, capture.camera, capture.name
+    table = fit_table(depth, camera, profile, seed=seed, name=name)
+    segmentation = segment(
+        table.height,
+        depth > 0.0,
+        profile,
+        colour=capture.colour,
+        registered=capture.colour_registered,
+        seed=seed,
+        name=name,
+    )
+    near = _grown(segmentation.garment)
+    table = fit_table(depth, camera, profile, exclude=near, seed=seed, name=name)
     return table, segmentation
 
 
@@ -126,11 +149,6 @@ def _grown(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(grown) > 0
 
 
-def _points(depth: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
-    x, y = camera.rays()
-    return np.stack([x * depth, y * depth, depth], axis=-1)
-
-
 def _laid(
     table: TableFit,
     points_C: NDArray[np.float64],
@@ -138,8 +156,8 @@ def _laid(
     centre: tuple[float, float],
     table_height: float,
     yaw: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Pose (R_WC, p_WC) with the table level, the image's down along +y turned by yaw."""
+) -> _PlacedPoints:
+    """Place the camera so that the table is level, the image's down along world +y turned by yaw."""
     z_C = table.normal_C
     y_C = np.array([0.0, 1.0, 0.0]) - z_C[1] * z_C
     y_C /= np.linalg.norm(y_C)
@@ -149,17 +167,22 @@ def _laid(
     middle = (points_C[garment] @ R_WC.T).mean(axis=0)
     # A point of the plane is -distance along the normal from the camera.
     p_WC = np.array([centre[0] - middle[0], centre[1] - middle[1], table_height + table.distance])
-    return R_WC, p_WC
+    return _PlacedPoints(points_C, R_WC, p_WC, table_height)
 
 
-def _table_height(
-    R_WC: NDArray[np.float64],
-    p_WC: NDArray[np.float64],
+def _posed(
+    capture: Capture,
+    X_WC: NDArray[np.float64],
     table: TableFit,
     points_C: NDArray[np.float64],
     garment: NDArray[np.bool_],
-    capture: Capture,
-) -> float:
+) -> _PlacedPoints:
+    """Place the camera at its known pose; the table's height is that of the plane under the garment.
+
+    Raises:
+        InputError: by the pose the table is not level.
+    """
+    R_WC, p_WC = X_WC[:3, :3], X_WC[:3, 3]
     normal_W = R_WC @ table.normal_C
     lean = float(np.degrees(np.arccos(np.clip(normal_W[2], -1.0, 1.0))))
     if lean > _MOST_LEAN:
@@ -170,7 +193,7 @@ def _table_height(
     seen = garment & (capture.depth > 0.0)
     middle = points_C[seen].mean(axis=0)
     foot = middle - (table.normal_C @ middle + table.distance) * table.normal_C
-    return float((R_WC @ foot + p_WC)[2])
+    return _PlacedPoints(points_C, R_WC, p_WC, float((R_WC @ foot + p_WC)[2]))
 
 
 def _gridded(
@@ -178,14 +201,12 @@ def _gridded(
     profile: NoiseProfile,
     table: TableFit,
     segmentation: Segmentation,
-    points_C: NDArray[np.float64],
-    R_WC: NDArray[np.float64],
-    p_WC: NDArray[np.float64],
-    table_height: float,
+    placed: _PlacedPoints,
 ) -> RangeMap:
+    """Average the heights above the table into the metric grid, with mask and colour."""
     camera = capture.camera
     usable = (table.depth > 0.0) & (table.height > -max(_DEEPEST, 8.0 * profile.depth_noise))
-    plan = points_C @ R_WC[:2].T + p_WC[:2]
+    plan = placed.plan()
     on_garment = plan[segmentation.garment & usable]
     spacing = table.distance / min(camera.fx, camera.fy)
     resolution = profile.resolution
@@ -211,8 +232,8 @@ def _gridded(
         grid.x_first + resolution * np.arange(grid.nx),
         grid.y_first + resolution * np.arange(grid.ny),
     )
-    cells_W = np.stack([x, y, table_height + height], axis=-1)
-    pixels = camera.project((cells_W - p_WC) @ R_WC).astype(np.float32)
+    cells_W = np.stack([x, y, placed.table_height + height], axis=-1)
+    pixels = camera.project(placed.in_camera(cells_W)).astype(np.float32)
     # Cells without a reading take the mask of the pixel that looks at them, unless something
     # nearer to the camera is what that pixel sees.
     looked_at = _sampled(segmentation.garment.astype(np.float32), pixels, cv2.BORDER_CONSTANT)
@@ -230,7 +251,7 @@ def _gridded(
         garment=garment,
         resolution=resolution,
         origin=np.array([grid.x_first, grid.y_first]),
-        table_height=table_height,
+        table_height=placed.table_height,
         sensor=profile.name,
         colour=colour,
     )

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Mask
+from unwrinkle.models.errors import InsufficientViewError, NoGarmentError
 from unwrinkle.perception.depth.color_registration import align_colour
 from unwrinkle.perception.sensor import NoiseProfile
 
@@ -52,6 +52,7 @@ def segment(
     colour: NDArray[np.uint8] | None = None,
     registered: bool = True,
     seed: int = 0,
+    name: str = "capture",
 ) -> Segmentation:
     """Find the garment in an image of heights above the table.
 
@@ -63,15 +64,17 @@ def segment(
         registered: the colour image has the depth image's pixels (then h', w' = h, w); otherwise a
             similarity between them is estimated, and depth alone decides where that fails.
         seed: of OpenCV's random numbers (GrabCut's mixture models start from k-means).
+        name: of the capture, for messages.
 
     Raises:
-        InputError: nothing stands out of the table, or nearly everything does.
+        NoGarmentError: nothing stands out of the table.
+        InsufficientViewError: nearly everything does.
     """
     smooth = smooth_heights(height, seen, _blur_radius(height.shape, profile))
     depth_mask, core = _by_depth(smooth, seen, profile)
     if not core.any():
-        raise InputError(
-            f"capture: no garment found (nothing over {_least_area(height.size)} pixels stands "
+        raise NoGarmentError(
+            f"{name}: no garment found (nothing over {_least_area(height.size)} pixels stands "
             f"{profile.garment_height * 1e3:.1f} mm above the table); lay a garment in view"
         )
     alignment = None
@@ -111,8 +114,8 @@ def segment(
     garment = one_piece(garment)
     share = np.count_nonzero(garment) / garment.size
     if share > _LARGEST_AREA:
-        raise InputError(
-            f"capture: the garment fills {share:.0%} of the view; the table must be seen around it"
+        raise InsufficientViewError(
+            f"{name}: the garment fills {share:.0%} of the view; the table must be seen around it"
         )
     return Segmentation(garment, image, method, alignment)
 

@@ -16,7 +16,7 @@ _BELOW = 0.05  # metres under the table's top; a reading further down is not on 
 _LEAST_PIXELS = 32
 
 
-def over_table(
+def crop_to_table(
     capture: Capture, centre: NDArray[np.floating[Any]], size: tuple[float, float]
 ) -> Capture:
     """Crop a capture to the window that holds a table's top, and drop readings far below it.

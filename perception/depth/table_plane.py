@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InsufficientViewError
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.sensor import NoiseProfile
 
@@ -50,6 +50,7 @@ def fit_table(
     *,
     exclude: NDArray[np.bool_] | None = None,
     seed: int = 0,
+    name: str = "capture",
 ) -> TableFit:
     """Fit the table that a garment lies on: much of the view is on it, little is below.
 
@@ -59,15 +60,18 @@ def fit_table(
         profile: noise of the sensor; says whether a slow bias is taken out.
         exclude: (h, w) readings known to be garment, left out of the fit.
         seed: of the consensus sampling.
+        name: of the capture, for messages.
 
     Raises:
-        InputError: no plane holds enough of the view, or it is seen at a grazing angle.
+        InsufficientViewError: no plane holds enough of the view, or it is seen at a grazing angle.
     """
     x, y = camera.rays()
     seen = depth > 0.0
     usable = seen if exclude is None else seen & ~exclude
     if np.count_nonzero(usable) < 100:
-        raise InputError("capture: too little of the table is seen; show table around the garment")
+        raise InsufficientViewError(
+            f"{name}: too little of the table is seen; show table around the garment"
+        )
     rng = np.random.default_rng(seed)
     rows, columns = np.nonzero(usable)
     if rows.size > _FIT_SAMPLES:
@@ -81,8 +85,8 @@ def fit_table(
         height = _heights(rays, inverse, plane)
         on = (height > -3.0 * band) & (height < band)
         if np.count_nonzero(on) < _LEAST_TABLE * rows.size:
-            raise InputError(
-                "capture: no table plane found (only "
+            raise InsufficientViewError(
+                f"{name}: no table plane found (only "
                 f"{np.count_nonzero(on) / rows.size:.0%} of the readings agree on one); "
                 "show more of a flat table around the garment"
             )
@@ -90,8 +94,8 @@ def fit_table(
     length = float(np.linalg.norm(plane))
     tilt = np.degrees(np.arccos(np.clip(plane[2] / length, -1.0, 1.0)))
     if tilt > _STEEPEST:
-        raise InputError(
-            f"capture: the table is seen at {tilt:.0f} degrees from straight above, "
+        raise InsufficientViewError(
+            f"{name}: the table is seen at {tilt:.0f} degrees from straight above, "
             f"at most {_STEEPEST:.0f} are usable; look from further above"
         )
     full_inverse = np.zeros(depth.shape)

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import atan, degrees, hypot, isfinite, radians
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,7 +32,7 @@ _SHALLOW = 0.05  # a ray less steep than this meets the table too far away
 
 
 @dataclass(frozen=True, eq=False)
-class GazeLook:
+class GazeMeasurement:
     """What one pair of images says about the gaze.
 
     Attributes:
@@ -67,7 +66,7 @@ class Centring:
         reason: why not; empty if so.
     """
 
-    looks: tuple[GazeLook, ...]
+    looks: tuple[GazeMeasurement, ...]
     centred: bool
     reason: str = ""
 
@@ -90,12 +89,9 @@ def offset(camera: Camera, pixel: Points) -> float:
 def ray(camera: Camera, pixel: Points) -> NDArray[np.float64]:
     """Undistorted ray (x, y, 1) through a pixel (2,), in the camera's frame."""
     inside = -0.5 <= pixel[0] <= camera.width - 0.5 and -0.5 <= pixel[1] <= camera.height - 0.5
-    if any(camera.distortion) and inside:  # its polynomial holds for the image only
-        seen = np.asarray(pixel, dtype=float).reshape(1, 1, 2)
-        straight = cv2.undistortPoints(seen, camera.matrix, np.array(camera.distortion))
-        return np.array([*np.asarray(straight, dtype=float).ravel(), 1.0])
-    x, y = (pixel - np.array([camera.cx, camera.cy])) / (camera.fx, camera.fy)
-    return np.array([x, y, 1.0])
+    if not inside:  # the distortion polynomial is valid within the image only
+        camera = replace(camera, distortion=[])
+    return camera.unproject(pixel, 1.0)
 
 
 def surface_point(
@@ -161,7 +157,7 @@ def quantised(head: StereoHead, gaze: Gaze) -> Gaze:
     return _gaze(angles, gaze.ext_axis)
 
 
-def look(
+def measure_gaze(
     head: StereoHead,
     target: Template | None,
     left: NDArray[np.uint8],
@@ -170,7 +166,7 @@ def look(
     *,
     height: float,
     tolerance: float = TOLERANCE,
-) -> GazeLook:
+) -> GazeMeasurement:
     """Say from one pair of images how far the gaze is off, and where to look next.
 
     Each eye turns so that its axis passes through where its own ray to the target meets the other
@@ -207,7 +203,7 @@ def look(
     ]
     sharp = all(isinstance(sight, Sighting) and sight.sharp for sight in seen)
     following, reason = _following(head, gaze, poses, seen, height, vergence=target is None)
-    return GazeLook(
+    return GazeMeasurement(
         gaze=gaze,
         left=seen[0],
         right=seen[1],
@@ -246,11 +242,11 @@ def centre(
     """
     if most_looks < 1:
         raise InputError(f"gaze: most_looks is {most_looks}; at least one look is needed")
-    looks: list[GazeLook] = []
+    looks: list[GazeMeasurement] = []
     wanted = quantised(head, start)
     while len(looks) < most_looks:
         left, right, gaze = take(wanted)
-        now = look(head, target, left, right, gaze, height=height, tolerance=tolerance)
+        now = measure_gaze(head, target, left, right, gaze, height=height, tolerance=tolerance)
         looks.append(now)
         logger.debug("look %d: %.1f, %.1f mdeg off", len(looks), *_millidegrees(now))
         if now.centred:
@@ -329,5 +325,5 @@ def _gaze(angles: list[float], ext_axis: float) -> Gaze:
     return Gaze(left_pan, left_tilt, right_pan, right_tilt, ext_axis)
 
 
-def _millidegrees(now: GazeLook) -> tuple[float, float]:
+def _millidegrees(now: GazeMeasurement) -> tuple[float, float]:
     return 1e3 * degrees(now.left_offset), 1e3 * degrees(now.right_offset)

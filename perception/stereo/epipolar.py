@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import EpipolarError
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.features import matches, view
-from unwrinkle.perception.stereo.rectification import Rectification
+from unwrinkle.perception.stereo.rectification import Rectification, camera_rays
 
 #: The rows may be apart by this angle (radians): three eighth steps of a PTU-D46 and some more.
 LARGEST_ROW_ANGLE = 0.0008
@@ -65,12 +65,12 @@ def corrected_rectification(
         name: of the pair, for messages.
 
     Raises:
-        InputError: too few features in common, images swapped, or rows apart by more than the
+        EpipolarError: too few features in common, images swapped, or rows apart by more than the
             angles' resolution explains.
     """
     p, q = _matches(left, right)
     if len(p) < _LEAST_MATCHES:
-        raise InputError(
+        raise EpipolarError(
             f"{name}: the eyes have only {len(p)} features in common, at least "
             f"{_LEAST_MATCHES} wanted; do both see the table, in focus and at the same time?"
         )
@@ -156,11 +156,7 @@ def _rays(
     pixels: NDArray[np.float64], camera: Camera, R_CE: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Rays (n, 3) in the rectified frame through pixels (n, 2) of a source camera."""
-    distortion = np.array(camera.distortion or [0.0] * 5)
-    undistorted = cv2.undistortPoints(pixels[:, None], camera.matrix, distortion)
-    rays = np.ones((len(pixels), 3))
-    rays[:, :2] = np.asarray(undistorted)[:, 0]
-    return rays @ R_CE.T
+    return camera_rays(pixels, camera) @ R_CE.T
 
 
 def _rows(rays: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -177,16 +173,16 @@ def _refuse(
     """Say why the rows are apart.
 
     Raises:
-        InputError: always.
+        EpipolarError: always.
     """
     exchanged = _rows(_rays(q, rectification.left, rectification.R_CL)) - _rows(
         _rays(p, rectification.right, rectification.R_CR)
     )
     apart = float(np.median(np.abs(rows)))
     if float(np.median(np.abs(exchanged))) < 0.3 * apart:
-        raise InputError(f"{name}: left and right are swapped; name the left image first")
+        raise EpipolarError(f"{name}: left and right are swapped; name the left image first")
     focal = rectification.camera.fx
-    raise InputError(
+    raise EpipolarError(
         f"{name}: the pair is out of step with the head's angles, matching rows are "
         f"{apart * focal:.1f} pixels apart ({1e3 * np.degrees(apart):.0f} mdeg, at most "
         f"{1e3 * np.degrees(LARGEST_ROW_ANGLE):.0f}); check the angles, that both images are of "

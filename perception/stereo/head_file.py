@@ -158,7 +158,7 @@ class EyeAngles:
 
 
 @dataclass(frozen=True)
-class Look:
+class HeadAngles:
     """What the head did when a pair of images was taken; the schema of head.yaml.
 
     Attributes:
@@ -195,9 +195,9 @@ class Look:
         return Gaze(self.left.pan, self.left.tilt, self.right.pan, self.right.tilt, self.ext_axis)
 
     @staticmethod
-    def of(gaze: Gaze, calibration: HeadCalibration, file: str, day: datetime.date) -> "Look":
+    def of(gaze: Gaze, calibration: HeadCalibration, file: str, day: datetime.date) -> "HeadAngles":
         """Return the look of a gaze, with the calibration's file as it shall be named."""
-        return Look(
+        return HeadAngles(
             head=calibration.head,
             calibration=file,
             date=day.isoformat(),
@@ -232,7 +232,7 @@ def nominal_head() -> StereoHead:
     return nominal_calibration().stereo_head()
 
 
-def load_look(path: str | Path) -> tuple[Look, HeadCalibration]:
+def load_head_angles(path: str | Path) -> tuple[HeadAngles, HeadCalibration]:
     """Read head.yaml and the calibration it names.
 
     Raises:
@@ -240,7 +240,7 @@ def load_look(path: str | Path) -> tuple[Look, HeadCalibration]:
             old when the pair was taken.
     """
     path = Path(path)
-    look = load_yaml(path, Look)
+    look = load_yaml(path, HeadAngles)
     calibration = load_calibration(_beside(path, look.calibration))
     if calibration.head != look.head:
         raise InputError(

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Image
-from unwrinkle.perception.stereo._kernels.confidence import believable, spread
-from unwrinkle.perception.stereo._kernels.refine import fit_surface, scale_for
-from unwrinkle.perception.stereo._kernels.upsample import spread_cells
+from unwrinkle.perception.stereo._kernels.confidence import confident_cells, disparity_sigma
+from unwrinkle.perception.stereo._kernels.refine import refine_disparity, scale_for
+from unwrinkle.perception.stereo._kernels.upsample import upsample_cells
 
 _SMALLEST = 64  # pixels along a side
 
@@ -131,12 +131,12 @@ def _run(
             np.asarray(cv2.copyMakeBorder(image, 0, below, 0, aside, cv2.BORDER_REPLICATE))
             for image in (left, right)
         )
-    surface = fit_surface(left, right, lowest, highest, noise.gain, noise.read)
+    surface = refine_disparity(left, right, lowest, highest, noise.gain, noise.read)
     good = np.ones(surface.disparity.shape, dtype=bool)
     if check:
-        good = believable(surface, lowest, highest)
-    disparity, valid = spread_cells(surface.disparity, good, surface.cell, (height, width))
-    sigma = spread(surface)
+        good = confident_cells(surface, lowest, highest)
+    disparity, valid = upsample_cells(surface.disparity, good, surface.cell, (height, width))
+    sigma = disparity_sigma(surface)
     for array in (disparity, valid, sigma):
         array.setflags(write=False)
     return Disparity(disparity, valid, sigma, surface.cell)

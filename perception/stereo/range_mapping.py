@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.errors import InsufficientViewError
 from unwrinkle.models.transforms import inverse, transformed
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.table_plane import TableFit, fit_table
@@ -22,7 +23,7 @@ from unwrinkle.perception.stereo.heights import heights_on_grid
 from unwrinkle.perception.stereo.matching import Disparity, match
 from unwrinkle.perception.stereo.pair import StereoPair
 from unwrinkle.perception.stereo.rectification import Rectification, rectify
-from unwrinkle.perception.stereo.speckle import without_islands
+from unwrinkle.perception.stereo.speckle import remove_speckle
 from unwrinkle.perception.stereo.table_view import TableView
 
 _TALLEST = 0.25  # nothing on the table that matters is higher, metres
@@ -75,7 +76,7 @@ class KnownTable:
 
 
 @dataclass(frozen=True, eq=False)
-class StereoLook:
+class StereoMatch:
     """A matched pair: everything up to the metric range map, before the garment is sought.
 
     Attributes:
@@ -91,14 +92,14 @@ class StereoLook:
     check: EpipolarCheck
 
 
-def look(
+def match_pair(
     pair: StereoPair,
     head: StereoHead,
     gaze: Gaze,
     *,
     table: KnownTable | None = None,
     whole: bool = False,
-) -> StereoLook:
+) -> StereoMatch:
     """Rectify and match a pair.
 
     Args:
@@ -123,8 +124,8 @@ def look(
     rectification, check = corrected_rectification(left, right, rectification, pair.name)
     left, right = rectification.apply(left, right)
     lowest, highest = rectification.disparity_range(box_L)
-    disparity = without_islands(match(left, right, lowest, highest))
-    return StereoLook(rectification, X_WL @ rectification.X_LC, disparity, check)
+    disparity = remove_speckle(match(left, right, lowest, highest))
+    return StereoMatch(rectification, X_WL @ rectification.X_LC, disparity, check)
 
 
 def range_map_from_pair(
@@ -142,17 +143,17 @@ def range_map_from_pair(
     off by is taken out as a constant of the disparity, where the units' steps can explain it.
 
     Args:
-        pair, head, gaze: see `look`.
+        pair, head, gaze: see `match_pair`.
         table: the working table; None for the Glasgow cell's.
         profile: noise of the sensor; None for that of the distance.
         seed: of the plane's consensus and GrabCut.
 
     Raises:
-        InputError: as `look`; too little of the table was matched, it leans or lies too far from
+        InputError: as `match_pair`; too little of the table was matched, it leans or lies too far from
             where the cell has it, or there is no garment.
     """
     table = table or KnownTable()
-    found = look(pair, head, gaze, table=table)
+    found = match_pair(pair, head, gaze, table=table)
     profile = profile or _profile(found, table)
     offset = _known_height(found, table, profile, pair.name, seed)
     grid = table.grid(_resolution(found, table, profile, pair.name))
@@ -180,7 +181,7 @@ def range_map_from_pair(
 
 
 def table_heights(
-    found: StereoLook, table: KnownTable, grid: Grid, *, offset: float = 0.0
+    found: StereoMatch, table: KnownTable, grid: Grid, *, offset: float = 0.0
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Lay a matched pair on a grid over the table.
 
@@ -204,13 +205,13 @@ def table_heights(
     )
 
 
-def _profile(found: StereoLook, table: KnownTable) -> NoiseProfile:
+def _profile(found: StereoMatch, table: KnownTable) -> NoiseProfile:
     """The noise that this distance has."""
     away = float(np.linalg.norm(np.array([*table.centre, table.height]) - found.X_WC[:3, 3]))
     return noise_profile("stereo" if away < _NEAR else "stereo-head")
 
 
-def _resolution(found: StereoLook, table: KnownTable, profile: NoiseProfile, name: str) -> float:
+def _resolution(found: StereoMatch, table: KnownTable, profile: NoiseProfile, name: str) -> float:
     """Cell size, metres: the profile's, or coarser where pixels lie further apart on the table."""
     towards = np.array([*table.centre, table.height]) - found.X_WC[:3, 3]
     distance = float(np.linalg.norm(towards))
@@ -231,7 +232,7 @@ def _resolution(found: StereoLook, table: KnownTable, profile: NoiseProfile, nam
 def _check_holes(garment: NDArray[np.bool_], valid: NDArray[np.bool_], name: str) -> None:
     holes = 1.0 - np.count_nonzero(garment & valid) / np.count_nonzero(garment)
     if holes > _MOST_HOLES:
-        raise InputError(
+        raise InsufficientViewError(
             f"{name}: insufficient view, {holes:.0%} of the garment could not be matched, at "
             f"most {_MOST_HOLES:.0%} may lack; look again with more light or better focus"
         )
@@ -269,11 +270,13 @@ def _check_view(camera: Camera, box_L: NDArray[np.float64], pair: StereoPair) ->
         )
 
 
-def _reduced(found: StereoLook, table: KnownTable, name: str) -> tuple[NDArray[np.float32], Camera]:
+def _reduced(
+    found: StereoMatch, table: KnownTable, name: str
+) -> tuple[NDArray[np.float32], Camera]:
     """Depth of what is on the table, on a smaller image of the rectified left camera.
 
     Raises:
-        InputError: too little of the table could be matched.
+        InsufficientViewError: too little of the table could be matched.
     """
     camera = found.rectification.camera
     factor = min(1.0, max(1.0 / _COARSE, _COARSE_WIDTH / camera.width))
@@ -290,7 +293,7 @@ def _reduced(found: StereoLook, table: KnownTable, name: str) -> tuple[NDArray[n
     seen = expected & (weight > _HALF_SEEN)
     holes = 1.0 - float(np.count_nonzero(seen)) / max(1.0, float(np.count_nonzero(expected)))
     if holes > _MOST_HOLES:
-        raise InputError(
+        raise InsufficientViewError(
             f"{name}: insufficient view, {holes:.0%} of the table could not be matched, at "
             f"most {_MOST_HOLES:.0%} may lack; look again with more light or better focus"
         )
@@ -300,18 +303,18 @@ def _reduced(found: StereoLook, table: KnownTable, name: str) -> tuple[NDArray[n
 
 
 def _lowest_plane(
-    depths: NDArray[np.float32], camera: Camera, profile: NoiseProfile, seed: int
+    depths: NDArray[np.float32], camera: Camera, profile: NoiseProfile, seed: int, name: str
 ) -> TableFit:
     """Fit the table, also where more of the view is a garment lying flat on it."""
-    fit = fit_table(depths, camera, profile, seed=seed)
+    fit = fit_table(depths, camera, profile, seed=seed, name=name)
     below = (depths > 0.0) & (fit.height < -_UNDER)
     if np.count_nonzero(below) > _LEAST_TABLE * np.count_nonzero(depths):
-        fit = fit_table(depths, camera, profile, exclude=~below, seed=seed)
+        fit = fit_table(depths, camera, profile, exclude=~below, seed=seed, name=name)
     return fit
 
 
 def _known_height(
-    found: StereoLook, table: KnownTable, profile: NoiseProfile, name: str, seed: int
+    found: StereoMatch, table: KnownTable, profile: NoiseProfile, name: str, seed: int
 ) -> float:
     """Return what must be added to disparities, pixels, to see the table at its known height.
 
@@ -319,10 +322,7 @@ def _known_height(
         InputError: the table leans, or lies off by more than the units' resolution explains.
     """
     depths, camera = _reduced(found, table, name)
-    try:
-        fit = _lowest_plane(depths, camera, profile, seed)
-    except InputError as error:
-        raise InputError(str(error).replace("capture:", f"{name}:", 1)) from None
+    fit = _lowest_plane(depths, camera, profile, seed, name)
     R_WC, p_WC = found.X_WC[:3, :3], found.X_WC[:3, 3]
     normal_W = R_WC @ fit.normal_C
     lean = float(np.degrees(np.arccos(np.clip(normal_W[2], -1.0, 1.0))))

@@ -278,16 +278,21 @@ def _outline(
     across = [np.column_stack([u, np.full(_OUTLINE, at)]) for at in (v[0], v[-1])]
     down = [np.column_stack([np.full(_OUTLINE, at), v]) for at in (u[0], u[-1])]
     pixels = np.concatenate(across + down)
-    rays = np.ones((len(pixels), 3))
-    distortion = np.array(camera.distortion or [0.0] * 5)
-    rays[:, :2] = cv2.undistortPoints(pixels[:, None], camera.matrix, distortion)[:, 0]
-    p_CQ = rays @ R_CE.T
+    p_CQ = camera_rays(pixels, camera) @ R_CE.T
     if p_CQ[:, 2].min() < 0.05 * np.linalg.norm(p_CQ, axis=1).max():
         raise InputError(
             f"stereo pair: the {name} camera sees almost across the rectified view; check the "
             "angles of the pan-tilt units"
         )
     return np.asarray(focal * p_CQ[:, :2] / p_CQ[:, 2:])
+
+
+def camera_rays(pixels: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
+    """Return the undistorted rays (n, 3), z = 1, through pixels (n, 2), in the camera's frame."""
+    distortion = np.array(camera.distortion or [0.0] * 5)
+    rays = np.ones((len(pixels), 3))
+    rays[:, :2] = np.asarray(cv2.undistortPoints(pixels[:, None], camera.matrix, distortion))[:, 0]
+    return rays
 
 
 def _region(points: NDArray[np.floating[Any]]) -> NDArray[np.float64]:

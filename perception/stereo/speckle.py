@@ -13,7 +13,7 @@ _SLOPE = 0.5  # pixels of disparity per pixel that still join neighbours
 _SIXTEENTHS = 16
 
 
-def without_islands(disparity: Disparity) -> Disparity:
+def remove_speckle(disparity: Disparity) -> Disparity:
     """Call islands not valid.
 
     A garment joins the table it lies on, and the table is most of the view. A patch of less than 1 %

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.errors import InsufficientViewError
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.segmentation import segment
 from unwrinkle.perception.height_grid import Grid
@@ -60,7 +60,7 @@ class TableView:
             seed: of GrabCut.
 
         Raises:
-            InputError: there is none.
+            NoGarmentError: there is none.
         """
         size = self._coarse_size
         weight = cv2.resize(self.valid.astype(np.float32), size, interpolation=cv2.INTER_AREA)
@@ -68,10 +68,7 @@ class TableView:
         seen = weight > _HALF_SEEN
         height = np.divide(total, weight, out=np.zeros_like(total), where=seen)
         small = np.asarray(cv2.resize(colour, size, interpolation=cv2.INTER_AREA), np.uint8)
-        try:
-            found = segment(height, seen, profile, colour=small, seed=seed)
-        except InputError as error:
-            raise InputError(str(error).replace("capture:", f"{self.name}:", 1)) from None
+        found = segment(height, seen, profile, colour=small, seed=seed, name=self.name)
         full = (self.grid.nx, self.grid.ny)
         mask = cv2.resize(found.garment.astype(np.float32), full, interpolation=cv2.INTER_LINEAR)
         return np.asarray(mask) > 0.5
@@ -80,14 +77,14 @@ class TableView:
         """Heights (ny, nx) above the plane fitted to the bare table, and that plane's RMS, metres.
 
         Raises:
-            InputError: too little of the table is bare to know its level.
+            InsufficientViewError: too little of the table is bare to know its level.
         """
         radius = round(_AWAY / self.grid.resolution)
         square = np.ones((2 * radius + 1,) * 2, np.uint8)
         away = np.asarray(cv2.dilate(garment.astype(np.uint8), square)) == 0
         rows, columns = np.nonzero(self.valid & away)
         if rows.size < _LEAST_TABLE * garment.size:
-            raise InputError(
+            raise InsufficientViewError(
                 f"{self.name}: only {rows.size / garment.size:.1%} of the table is bare and seen, "
                 f"at least {_LEAST_TABLE:.0%} are needed to know its level; move the garment"
             )

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from unwrinkle.models import InputError
+from unwrinkle.models.choices import PullReading
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import NoiseProfile, noise_profile
-from unwrinkle.perception.target import MODES, FlatteningTarget, NoTarget
+from unwrinkle.perception.target import FlatteningTarget, NoTarget
 from unwrinkle.perception.wrinkles.ridges import contour_points, link, ridge_points
 from unwrinkle.perception.wrinkles.surface import Surface, fit_surface, spread
 from unwrinkle.perception.wrinkles.targeting import TableTop, flattening_target
@@ -31,7 +32,7 @@ class Analysis:
     Attributes:
         range_map: what was analysed.
         profile: the noise profile it was analysed with.
-        mode: one of MODES, the reading of Eq. 5.
+        mode: one of `PullReading`, the reading of Eq. 5.
         surface: the garment's fitted surface, on a grid of its own.
         ridge_points: mask of ridge points, on the surface's grid.
         wrinkles: largest (by volume score) first.
@@ -190,8 +191,7 @@ def analyse(
     Raises:
         InputError: unknown mode or sensor, no garment, nothing measured on it.
     """
-    if mode not in MODES:
-        raise InputError(f"mode {mode!r}: must be one of {', '.join(MODES)}")
+    mode = PullReading(mode).value
     profile = profile or noise_profile(range_map.sensor)
     table = table or TableTop()
     surface = fit_surface(range_map, profile, patches=patches)

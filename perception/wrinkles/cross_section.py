@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from unwrinkle.perception.sensor import NoiseProfile
-from unwrinkle.perception.wrinkles.ridges import Line, sample
-from unwrinkle.perception.wrinkles.surface import Floats, Surface
+from unwrinkle.perception.wrinkles.ridges import Line
+from unwrinkle.perception.wrinkles.surface import Floats, Surface, sample
 
 #: The foot of a wrinkle: where its flank descends less steeply than this (rise over run).
 FOOT_SLOPE = 0.05
@@ -19,7 +19,7 @@ FOOT_SLOPE = 0.05
 FOOT_REACH = 4.0
 
 
-class Flank:
+class CrossSectionSide:
     """Profiles of a surface from the ridge to one side; arrays (samples, steps).
 
     Against noise they are averaged along the ridge, where a wrinkle changes slowly, and not across

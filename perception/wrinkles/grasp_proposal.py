@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.sensor import NoiseProfile
-from unwrinkle.perception.wrinkles.ridges import sample
-from unwrinkle.perception.wrinkles.surface import Surface
+from unwrinkle.perception.wrinkles.surface import Surface, sample
 from unwrinkle.perception.wrinkles.wrinkledness import Wrinkledness
 
 Vector = NDArray[np.float64]

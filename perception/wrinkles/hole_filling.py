@@ -17,7 +17,7 @@ WEIGHT = 0.2
 _NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 
-def bridged(
+def fill_holes(
     height: NDArray[np.float32],
     weight: NDArray[np.float32],
     wanted: NDArray[np.bool_],

@@ -23,9 +23,9 @@ from unwrinkle.perception.wrinkles.surface import (
     FLAT,
     RIDGE,
     SADDLE_RIDGE,
-    Floats,
     Surface,
     crest_direction,
+    sample,
 )
 
 #: A polyline on the surface's grid, (n, 2) float (column, row), in order along the ridge.
@@ -46,25 +46,6 @@ RIM_LEAST = 0.008
 SHARP_BEND = 0.64
 
 _RING = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))
-
-
-def sample(image: Floats, points: Line) -> Floats:
-    """Bilinear samples of `image` at (..., 2) points (column, row); border values outside."""
-    flat = np.ascontiguousarray(points, dtype=np.float32).reshape(-1, 2)
-    if len(flat) == 0:
-        return np.zeros(points.shape[:-1], dtype=np.float32)
-    columns = 1024  # cv2.remap takes no map of 32768 rows or more
-    rows = -(-len(flat) // columns)
-    grid = np.zeros((rows * columns, 2), dtype=np.float32)
-    grid[: len(flat)] = flat
-    out = cv2.remap(
-        image,
-        grid.reshape(rows, columns, 2),
-        None,
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
-    return np.asarray(out.reshape(-1)[: len(flat)].reshape(points.shape[:-1]))
 
 
 def ridge_points(surface: Surface, profile: NoiseProfile, *, domes: bool = False) -> Mask:

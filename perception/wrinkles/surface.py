@@ -19,7 +19,7 @@ from unwrinkle.models.arrays import Mask
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import NoiseProfile
 from unwrinkle.perception.wrinkles.bspline import TensorSpline, fit_spline
-from unwrinkle.perception.wrinkles.hole_filling import bridged
+from unwrinkle.perception.wrinkles.hole_filling import fill_holes
 
 Floats = NDArray[np.float32]
 Labels = NDArray[np.uint8]
@@ -230,6 +230,25 @@ def fit_surface(range_map: RangeMap, profile: NoiseProfile, *, patches: bool = F
     )
 
 
+def sample(image: Floats, points: NDArray[np.float64]) -> Floats:
+    """Bilinear samples of `image` at (..., 2) points (column, row); border values outside."""
+    flat = np.ascontiguousarray(points, dtype=np.float32).reshape(-1, 2)
+    if len(flat) == 0:
+        return np.zeros(points.shape[:-1], dtype=np.float32)
+    columns = 1024  # cv2.remap takes no map of 32768 rows or more
+    rows = -(-len(flat) // columns)
+    grid = np.zeros((rows * columns, 2), dtype=np.float32)
+    grid[: len(flat)] = flat
+    out = cv2.remap(
+        image,
+        grid.reshape(rows, columns, 2),
+        None,
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return np.asarray(out.reshape(-1)[: len(flat)].reshape(points.shape[:-1]))
+
+
 def spread(values: NDArray[_Scalar], surface: Surface, range_map: RangeMap) -> NDArray[_Scalar]:
     """Put a map of the surface's grid on the range map's grid (nearest sample, 0 elsewhere)."""
     stride = round(surface.resolution / range_map.resolution)
@@ -267,7 +286,7 @@ def _window(range_map: RangeMap, profile: NoiseProfile) -> tuple[slice, slice, i
 def _binned(
     range_map: RangeMap, rows: slice, columns: slice, stride: int, profile: NoiseProfile
 ) -> tuple[Floats, Floats, Mask]:
-    """Weights, mean heights of blocks of stride x stride cells, holes bridged, and the mask."""
+    """Weights, mean heights of blocks of stride x stride cells, holes fill_holes, and the mask."""
     garment = range_map.garment[rows, columns].astype(np.uint8)
     size = (garment.shape[1] // stride, garment.shape[0] // stride)
     valid = range_map.valid[rows, columns].astype(np.float32)
@@ -280,7 +299,7 @@ def _binned(
     rim = _rim(profile) / (range_map.resolution * stride)
     inner = _depth_inside(garment) > rim
     weight = np.where(inner, valid, np.float32(0.0))
-    height, weight = bridged(height, weight, inner, range_map.resolution * stride)
+    height, weight = fill_holes(height, weight, inner, range_map.resolution * stride)
     return weight, height, garment.astype(bool)
 
 

@@ -15,19 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from unwrinkle.models.errors import InputError
+from unwrinkle.models.choices import PulledSlack, PullReading, SectionPlace
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.target import (
-    PULLS,
-    SECTIONS,
     STRETCH_LIMIT,
     STRETCH_MARGIN,
     FlatteningTarget,
     HandTarget,
     NoTarget,
 )
-from unwrinkle.perception.wrinkles.ridges import sample
-from unwrinkle.perception.wrinkles.surface import Surface
+from unwrinkle.perception.wrinkles.surface import Surface, sample
 from unwrinkle.perception.wrinkles.wrinkle import PULL_COEFFICIENT, Wrinkle
 
 Vectors = NDArray[np.float64]
@@ -159,9 +156,9 @@ def flattening_target(
     surface: Surface,
     wrinkle: Wrinkle,
     *,
-    mode: str = "foot",
-    section: str = "centre",
-    pull: str = "wrinkle",
+    mode: str = PullReading.FOOT,
+    section: str = SectionPlace.CENTRE,
+    pull: str = PulledSlack.WRINKLE,
     table: TableTop | None = None,
 ) -> FlatteningTarget | NoTarget:
     """Return what both hands do about `wrinkle`, or why nothing can be done.
@@ -176,9 +173,9 @@ def flattening_target(
         range_map: what the surface was fitted to; tells where the sensor saw anything.
         surface: the garment's surface.
         wrinkle: which wrinkle.
-        mode: one of MODES.
-        section: one of SECTIONS: where along the wrinkle.
-        pull: one of PULLS: the slack of the wrinkle, by Eq. 5 in `mode`, or of all that the section
+        mode: one of `PullReading`.
+        section: one of `SectionPlace`: where along the wrinkle.
+        pull: one of `PulledSlack`: the slack of the wrinkle, by Eq. 5 in `mode`, or of all that the section
             crosses, from grasp point to grasp point.
         table: the table's rectangle; None for the working table.
 
@@ -186,9 +183,8 @@ def flattening_target(
         InputError: unknown mode, section or pull.
     """
     table = table or TableTop()
-    wrinkle.pull_distance(mode)  # refuses an unknown mode before any work
-    if pull not in PULLS:
-        raise InputError(f"pull {pull!r}: must be one of {', '.join(PULLS)}")
+    reading = PullReading(mode)
+    pulled = PulledSlack(pull)
     middle = section_place(wrinkle, section)
     contour = garment_contour(surface, wrinkle.centre)
     if contour is None:
@@ -201,7 +197,7 @@ def flattening_target(
         for share in shares:
             start = section_start(wrinkle, share)
             target = _section_target(
-                range_map, surface, wrinkle, contour, start, mode, pull, table, least
+                range_map, surface, wrinkle, contour, start, reading, pulled, table, least
             )
             if isinstance(target, FlatteningTarget):
                 return target
@@ -221,9 +217,7 @@ def section_place(wrinkle: Wrinkle, section: str) -> float:
     Raises:
         InputError: an unknown section.
     """
-    if section not in SECTIONS:
-        raise InputError(f"section {section!r}: must be one of {', '.join(SECTIONS)}")
-    if section == "centre":
+    if SectionPlace(section) is SectionPlace.CENTRE:
         return 0.5
     run = _run(wrinkle)
     spacing = float(np.median(np.diff(run)))
@@ -254,8 +248,8 @@ def _section_target(
     wrinkle: Wrinkle,
     contour: GarmentContour,
     start: Vectors,
-    mode: str,
-    pull: str,
+    reading: PullReading,
+    pulled: PulledSlack,
     table: TableTop,
     least_angle: float,
 ) -> FlatteningTarget | NoTarget:
@@ -277,7 +271,7 @@ def _section_target(
     apart = float(np.hypot(*(ends[1][0] - ends[0][0])))
     most = max(0.5 * (STRETCH_LIMIT * geodesic - apart - STRETCH_MARGIN), 0.0)
     slack = PULL_COEFFICIENT * max(geodesic - apart, 0.0)
-    asked = slack if pull == "section" else wrinkle.pull_distance(mode)
+    asked = slack if pulled is PulledSlack.SECTION else wrinkle.pull_distance(reading)
     hands = [
         HandTarget(
             p_WG=np.array([*grasp, range_map.table_height]),
@@ -292,7 +286,7 @@ def _section_target(
         p_WC=start,
         wrinkle_direction=wrinkle.direction,
         geodesic_distance=geodesic,
-        mode=mode,
+        mode=reading,
     )
 
 

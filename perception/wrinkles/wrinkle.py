@@ -15,10 +15,9 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
+from unwrinkle.models.choices import PullReading
 from unwrinkle.perception.sensor import NoiseProfile
-from unwrinkle.perception.target import MODES
-from unwrinkle.perception.wrinkles.cross_section import Flank
+from unwrinkle.perception.wrinkles.cross_section import CrossSectionSide
 from unwrinkle.perception.wrinkles.ridges import Line
 from unwrinkle.perception.wrinkles.surface import Surface
 
@@ -97,11 +96,19 @@ class Wrinkle:
         return np.array([-self.direction[1], self.direction[0]])
 
     def pull_distance(self, mode: str) -> float:
-        """Eq. 5 in one of MODES. Raises InputError for any other."""
-        if mode not in MODES:
-            raise InputError(f"mode {mode!r}: must be one of {', '.join(MODES)}")
-        paper, foot = self.pull_distance_paper, self.pull_distance_foot
-        return {"paper": paper, "foot": foot, "between": 0.5 * (paper + foot)}[mode]
+        """Return the pull distance by one `PullReading` of Eq. 5, metres.
+
+        Raises:
+            InputError: an unknown reading.
+        """
+        contour, foot = self.pull_distance_paper, self.pull_distance_foot
+        match PullReading(mode):
+            case PullReading.FOOT:
+                return foot
+            case PullReading.CONTOUR:
+                return contour
+            case PullReading.MEAN:
+                return 0.5 * (contour + foot)
 
     def to_json(self, *, points: bool = False) -> dict[str, Any]:
         """Return plain numbers and lists; the point lists only if asked for."""
@@ -179,14 +186,14 @@ def wrinkles_of(line: Line, surface: Surface, profile: NoiseProfile, table: floa
 
 def _both_sides(
     curve: Line, across: Line, surface: Surface, profile: NoiseProfile, *, fine: bool
-) -> tuple[Flank, Flank]:
+) -> tuple[CrossSectionSide, CrossSectionSide]:
     return (
-        Flank(curve, -across, surface, profile, fine=fine),
-        Flank(curve, across, surface, profile, fine=fine),
+        CrossSectionSide(curve, -across, surface, profile, fine=fine),
+        CrossSectionSide(curve, across, surface, profile, fine=fine),
     )
 
 
-def _falls(flanks: tuple[Flank, Flank]) -> Vectors:
+def _falls(flanks: tuple[CrossSectionSide, CrossSectionSide]) -> Vectors:
     """Heights (2, samples) of the ridge over its feet, metres."""
     return np.stack([flank.z[:, 0] - flank.at(flank.foot)[1] for flank in flanks])
 
@@ -253,7 +260,7 @@ def _curves(line: Line, surface: Surface, profile: NoiseProfile) -> list[tuple[L
 
 def _measure(
     curve: Line,
-    flanks: tuple[Flank, Flank],
+    flanks: tuple[CrossSectionSide, CrossSectionSide],
     found: NDArray[np.bool_],
     run: slice,
     surface: Surface,

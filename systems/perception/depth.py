@@ -11,7 +11,7 @@ from unwrinkle.flattening.station_messages import DepthImage
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.depth.range_mapping import range_map_from_capture
-from unwrinkle.perception.depth.table_crop import over_table
+from unwrinkle.perception.depth.table_crop import crop_to_table
 from unwrinkle.perception.sensor import noise_profile
 from unwrinkle.systems.latest import Latest
 from unwrinkle.systems.perception.stereo import failed
@@ -64,7 +64,7 @@ class DepthPerception(LeafSystem):
                 )
             unseen = noise_profile(image.capture.camera.sensor).garment_height
             # From above the floor may fill more of the view than the table does.
-            table = over_table(image.capture, self._table_centre, self._table_size)
+            table = crop_to_table(image.capture, self._table_centre, self._table_size)
             found = range_map_from_capture(
                 table, centre=self._centre, table_height=self._height, seed=self._seed
             )

@@ -10,7 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from unwrinkle.flattening.messages import Perceived
 from unwrinkle.flattening.station_messages import HeadImage
-from unwrinkle.models.errors import InputError
+from unwrinkle.models.errors import InputError, NoGarmentError
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.sensor import noise_profile
 from unwrinkle.perception.stereo.head import StereoHead
@@ -18,8 +18,6 @@ from unwrinkle.perception.stereo.pair import StereoPair
 from unwrinkle.perception.stereo.range_mapping import KnownTable, range_map_from_pair
 from unwrinkle.systems.latest import Latest
 
-#: How perception's message begins where the table is bare.
-NO_GARMENT = "no garment found"
 #: Most time between the eyes' exposures, s, and between the angles that they report for one look, rad: a few of the
 #: units' steps.
 MOST_APART, MOST_TURNED = 1.0, 7e-4
@@ -48,7 +46,7 @@ def failed(number: int, error: InputError, clock: float, *, unseen: float) -> Pe
     reason = " ".join(str(error).split())
     _log.info("look %d: %s", number, reason)
     seconds = time.perf_counter() - clock
-    empty = NO_GARMENT in reason
+    empty = isinstance(error, NoGarmentError)
     return Perceived(number, None, reason, empty=empty, unseen=unseen, seconds=seconds)
 
 

@@ -14,6 +14,7 @@ from pydrake.systems.framework import Diagram, LeafSystem
 from unwrinkle.flattening import station_messages
 from unwrinkle.flattening.policy import Memory
 from unwrinkle.flattening.state import Situation
+from unwrinkle.models.errors import NoGarmentError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.scenario import load_scenario
 from unwrinkle.perception.stereo.head import Gaze
@@ -116,7 +117,7 @@ def test_pictures_are_matched_once_per_exposure(
 
     def counted(*args: Any, **kwargs: Any) -> Any:
         calls.append(args)
-        raise stereo_perception.InputError("look: no garment found (nothing stands up)")
+        raise NoGarmentError("look: no garment found (nothing stands up)")
 
     monkeypatch.setattr(stereo_perception, "range_map_from_pair", counted)
     context = diagram.CreateDefaultContext()

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.arrays import Grid
-from unwrinkle.perception._parallel import in_strips, together
+from unwrinkle.perception._parallel import parallel_map, parallel_rows
 from unwrinkle.perception.stereo._kernels.normal_equations import CellSums
 
 # Shares of a grey level's variance that are left after rectification and the spline: of a
@@ -40,9 +40,9 @@ def window_step(sums: CellSums, variance: Grid, window: float) -> Grid:
         window: cells, sigma.
     """
     fields = (sums.gg, sums.ge, sums.g, sums.e, sums.n)
-    gg, ge, g, e, n = together(lambda field: gauss(field, window), fields)
+    gg, ge, g, e, n = parallel_map(lambda field: gauss(field, window), fields)
     step = np.empty_like(gg)
-    in_strips(_steps, len(gg), gg, ge, g, e, n, variance, step)
+    parallel_rows(_steps, len(gg), gg, ge, g, e, n, variance, step)
     return step
 
 
@@ -67,7 +67,7 @@ def weigh(
     ]
     if side > 1:
         wanted += [(sums.ee, side), (sums.e, side), (sums.n, side)]
-    mean_e, mean_g, many, near, steep, *fit = together(lambda field: box(*field), wanted)
+    mean_e, mean_g, many, near, steep, *fit = parallel_map(lambda field: box(*field), wanted)
     fit = fit or [sums.ee, sums.e, sums.n]
     many = np.maximum(many, np.float32(1e-3))
     means = (mean_e / many, mean_g / many)
@@ -75,7 +75,7 @@ def weigh(
     own = np.float32(GRADIENT_NOISE) * variance * near
     share = np.float32(1.0) - own / np.maximum(steep, np.float32(1e-3))
     fields = (sums.gg, sums.ge, sums.g, sums.e, sums.n)
-    in_strips(_weigh, len(share), variance, fields, tuple(fit), means, share, out)
+    parallel_rows(_weigh, len(share), variance, fields, tuple(fit), means, share, out)
     weight, pull, misfit = out
     return weight, pull, misfit
 

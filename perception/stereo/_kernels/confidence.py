@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.arrays import Grid
-from unwrinkle.perception._parallel import together
+from unwrinkle.perception._parallel import parallel_map
 from unwrinkle.perception.stereo._kernels.cell_sums import DIFFERENCE_NOISE, box, gauss
-from unwrinkle.perception.stereo._kernels.refine import STIFFNESS, Surface
+from unwrinkle.perception.stereo._kernels.refine import STIFFNESS, DisparitySurface
 
 _SEEN = 0.5  # of a cell's pixels
 _WINDOWS = {1: 25, 2: 17, 4: 13}  # cells of so many pixels -> side of the square, cells
@@ -31,14 +31,14 @@ _MATCHED_MISFIT = 0.92
 _NEAR, _NEAREST = 2.0, 0.8  # cells, Gaussian of the misfit, and at a step
 
 
-def believable(surface: Surface, lowest: float, highest: float) -> NDArray[np.bool_]:
+def confident_cells(surface: DisparitySurface, lowest: float, highest: float) -> NDArray[np.bool_]:
     """Return the cells (rows, columns) bool whose disparity lies in the range and fits the images."""
     d, sums = surface.disparity, surface.sums
     seen = sums.n > _SEEN * surface.cell**2
     good = seen & (d > lowest - 1) & (d < highest + 1)
     side = _WINDOWS[surface.cell]
     fields = (sums.n, sums.s, sums.ss, sums.e, sums.ee, sums.gg, sums.dd)
-    n, s, ss, e, ee, gg, dd = together(lambda field: box(field, side), fields)
+    n, s, ss, e, ee, gg, dd = parallel_map(lambda field: box(field, side), fields)
     n = np.maximum(n, np.float32(1e-3))
     # Of s = (l + r) / 2 and e = l - r: l r = s s - e e / 4, (l l + r r) / 2 = s s + e e / 4.
     both, apart = ss / n - (s / n) ** 2, 0.25 * (ee / n - (e / n) ** 2)
@@ -64,7 +64,7 @@ def believable(surface: Surface, lowest: float, highest: float) -> NDArray[np.bo
     return good
 
 
-def spread(surface: Surface) -> Grid:
+def disparity_sigma(surface: DisparitySurface) -> Grid:
     """Return the expected standard deviation (rows, columns) float32, pixels, from noise alone.
 
     A point's posterior variance under a thin plate is 1 / (8 sqrt(weight * stiffness)) where the

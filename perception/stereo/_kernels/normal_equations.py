@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.arrays import Grid, Image
-from unwrinkle.perception._parallel import in_strips
+from unwrinkle.perception._parallel import parallel_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ def cell_sums(
     if out is None:
         out = np.empty((9, *disparity.shape), dtype=np.float32)
     rows = disparity.shape[0]
-    in_strips(_sum_cells, rows, left, right, disparity, cell, np.float32(scale), out)
+    parallel_rows(_sum_cells, rows, left, right, disparity, cell, np.float32(scale), out)
     return CellSums(*out)
 
 
@@ -71,7 +71,7 @@ def cell_sums(
 
 
 @nb.njit(nogil=True, cache=True, fastmath=True)
-def spread_row(
+def upsample_row(
     y: int, disparity: Grid, scale: np.float32, cell: int, line: Grid, row: Grid
 ) -> None:
     """Bilinear disparity of the pixels of image row y into `row`; `line` has a cell more at ends."""
@@ -256,7 +256,7 @@ def _sum_cells(
         cells = out[:, i]
         cells[:] = np.float32(0.0)
         for y in range(i * cell, (i + 1) * cell):
-            spread_row(y, disparity, scale, cell, line, row)
+            upsample_row(y, disparity, scale, cell, line, row)
             _place(row, at, share, seen)
             _pack(right[y], packed)
             _take(packed, at, taps)

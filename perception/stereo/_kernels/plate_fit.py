@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.arrays import Grid
-from unwrinkle.perception._parallel import in_strips
+from unwrinkle.perception._parallel import parallel_rows
 
 _LEAST = 1e-6
 
@@ -54,19 +54,19 @@ class Plate:
         h, hold, parts = surface.shape[0], self._hold, self._parts
         change, along, residual, inverse, product = self._fields
         change[:] = 0.0
-        in_strips(_holds, h, surface, np.float32(crease**2), np.float32(stiffness), hold)
-        in_strips(_apply, h, surface, change, hold, product, parts)
-        in_strips(_start, h, weight, pull, hold, product, residual, inverse, along, parts)
+        parallel_rows(_holds, h, surface, np.float32(crease**2), np.float32(stiffness), hold)
+        parallel_rows(_apply, h, surface, change, hold, product, parts)
+        parallel_rows(_start, h, weight, pull, hold, product, residual, inverse, along, parts)
         downhill = float(parts[1].sum())
         for _ in range(iterations):
-            in_strips(_apply, h, along, weight, hold, product, parts)
+            parallel_rows(_apply, h, along, weight, hold, product, parts)
             uphill = float(parts[0].sum())
             if not uphill > 0.0 or not downhill > 0.0:
                 break
             step = np.float32(downhill / uphill)
-            in_strips(_descend, h, step, along, product, inverse, change, residual, parts)
+            parallel_rows(_descend, h, step, along, product, inverse, change, residual, parts)
             last, downhill = downhill, float(parts[1].sum())
-            in_strips(_turn, h, np.float32(downhill / last), residual, inverse, along)
+            parallel_rows(_turn, h, np.float32(downhill / last), residual, inverse, along)
         return np.asarray(change)
 
 

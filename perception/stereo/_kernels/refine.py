@@ -35,7 +35,7 @@ _ROUNDING = 1.0 / 12.0
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class DisparitySurface:
     """A disparity surface on cells, and what it rests on; all (rows, columns) float32.
 
     Attributes:
@@ -60,9 +60,9 @@ def scale_for(shape: tuple[int, ...]) -> int:
     return next((scale for least, scale in _SCALES if shape[0] * shape[1] >= least), 1)
 
 
-def fit_surface(
+def refine_disparity(
     left: Image, right: Image, lowest: int, highest: int, gain: float, read: float
-) -> Surface:
+) -> DisparitySurface:
     """Return the disparity surface of a rectified pair whose sides are multiples of its scale.
 
     Args:
@@ -105,7 +105,7 @@ def fit_surface(
         sums = cell_sums(left, right, disparity, cell, 1.0, room[:9])
         data = weigh(sums, variance, _FIT_SIDES[cell], room[9:])
         disparity = disparity + _bent(plate, disparity, data, STIFFNESS[cell], crease, iterations)
-    return Surface(disparity, cell, sums, data[0], variance, data[2])
+    return DisparitySurface(disparity, cell, sums, data[0], variance, data[2])
 
 
 def _pyramid(image: Image, scale: int) -> dict[int, Image]:

@@ -11,7 +11,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.perception._parallel import in_strips
+from unwrinkle.perception._parallel import parallel_rows
 from unwrinkle.perception.camera import Camera
 
 _STEP, _FINE_STEP, _WIDE = 16, 8, 2000  # pixels; the fine one for views that are less wide
@@ -70,7 +70,9 @@ def warp(image: NDArray[np.uint8], where: Lattice, shape: tuple[int, int]) -> ND
     height, width = source.shape
     # Every four bytes in a row as one little-endian word, at any byte.
     words = np.ndarray((source.size - 3,), "<u4", source, strides=(1,))
-    in_strips(_warp, shape[0], words, height, width, where.columns, where.rows, where.step, result)
+    parallel_rows(
+        _warp, shape[0], words, height, width, where.columns, where.rows, where.step, result
+    )
     return result
 
 

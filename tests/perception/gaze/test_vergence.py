@@ -21,7 +21,7 @@ from unwrinkle.perception.gaze.vergence import (
     centre,
     crossing,
     in_steps,
-    look,
+    measure_gaze,
     offset,
     quantised,
     ray,
@@ -274,11 +274,13 @@ def test_it_gives_up_after_so_many_looks(world: World, target: Template) -> None
 
 def test_a_black_eye_is_a_result(world: World, target: Template) -> None:
     left, right, gaze = world.take(GOOD)
-    black = look(HEAD, target, left, np.zeros_like(right), gaze, height=TABLE)
+    black = measure_gaze(HEAD, target, left, np.zeros_like(right), gaze, height=TABLE)
     assert isinstance(black.right, NotSeen)
     assert not black.centred
     assert black.next is not None
-    none = look(HEAD, target, np.full_like(left, 255), np.zeros_like(right), gaze, height=TABLE)
+    none = measure_gaze(
+        HEAD, target, np.full_like(left, 255), np.zeros_like(right), gaze, height=TABLE
+    )
     assert none.next is None
     assert "in neither eye" in none.reason
 
@@ -286,9 +288,9 @@ def test_a_black_eye_is_a_result(world: World, target: Template) -> None:
 def test_images_of_another_size_are_refused(world: World, target: Template) -> None:
     left, right, gaze = world.take(GOOD)
     with pytest.raises(InputError, match=r"right image is 308 x 408, its camera 616 x 408"):
-        look(HEAD, target, left, right[:, :308], gaze, height=TABLE)
+        measure_gaze(HEAD, target, left, right[:, :308], gaze, height=TABLE)
     with pytest.raises(InputError, match="height"):
-        look(HEAD, target, left, right, gaze, height=float("nan"))
-    seen = look(HEAD, target, left, right, gaze, height=TABLE)
+        measure_gaze(HEAD, target, left, right, gaze, height=float("nan"))
+    seen = measure_gaze(HEAD, target, left, right, gaze, height=TABLE)
     assert isinstance(seen.left, Sighting)
     assert seen.left.sharp

@@ -1,11 +1,11 @@
-"""Holes in a surface that are bridged, and those that are not."""
+"""Holes in a surface that are fill_holes, and those that are not."""
 
 import numpy as np
 import pytest
 
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.wrinkles.analysis import analyse
-from unwrinkle.perception.wrinkles.hole_filling import WEIGHT, bridged
+from unwrinkle.perception.wrinkles.hole_filling import WEIGHT, fill_holes
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
 
 RESOLUTION = 0.003
@@ -19,7 +19,7 @@ def sloped(shape=(40, 60)):
 def test_a_membrane_over_a_plane_is_the_plane():
     height, weight = sloped(), np.ones((40, 60), np.float32)
     weight[10:20, 25:33] = 0.0
-    filled, weights = bridged(
+    filled, weights = fill_holes(
         np.where(weight > 0, height, 0), weight, np.ones_like(weight, bool), RESOLUTION
     )
     assert np.allclose(filled, height, atol=1e-7)
@@ -29,7 +29,7 @@ def test_a_membrane_over_a_plane_is_the_plane():
 def test_measured_cells_and_wide_holes_stay_as_they_are():
     height, weight = sloped(), np.ones((40, 60), np.float32)
     weight[10:30, 20:40] = 0.0  # 60 mm square
-    filled, weights = bridged(height, weight, np.ones_like(weight, bool), RESOLUTION)
+    filled, weights = fill_holes(height, weight, np.ones_like(weight, bool), RESOLUTION)
     assert filled is height and weights is weight
 
 
@@ -39,7 +39,7 @@ def test_nothing_is_made_up_off_the_garment_or_without_data_around():
     wanted = np.zeros_like(weight, bool)
     wanted[:, :50] = True
     wanted[5:9, 55:58] = True  # an island of the mask where nothing was measured
-    _, weights = bridged(height, weight, wanted, RESOLUTION)
+    _, weights = fill_holes(height, weight, wanted, RESOLUTION)
     assert not weights[:, 50:].any()
 
 
@@ -48,7 +48,9 @@ def test_a_hole_at_the_border_hangs_on_what_is_there(edge):
     height, weight = np.full((40, 60), 0.02, np.float32), np.ones((40, 60), np.float32)
     rows = slice(0, 4) if edge == 0 else slice(36, 40)
     weight[rows, 30:34] = 0.0
-    filled, weights = bridged(height * (weight > 0), weight, np.ones_like(weight, bool), RESOLUTION)
+    filled, weights = fill_holes(
+        height * (weight > 0), weight, np.ones_like(weight, bool), RESOLUTION
+    )
     assert np.allclose(filled, 0.02) and weights[edge, 31] == WEIGHT
 
 

@@ -6,9 +6,9 @@ import pytest
 
 from unwrinkle.benchmarks.analysis import flat_map, map_of
 from unwrinkle.models import InputError
+from unwrinkle.models.choices import PullReading
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.target import (
-    MODES,
     STRETCH_LIMIT,
     STRETCH_MARGIN,
     FlatteningTarget,
@@ -64,7 +64,7 @@ def test_geodesic_distance_is_the_sections_length():
 
 
 def test_each_hand_pulls_the_modes_distance():
-    for mode in MODES:
+    for mode in PullReading:
         analysis = analysed(mode=mode)
         assert analysis.target.mode == mode
         for hand in analysis.target.hands:

@@ -163,12 +163,12 @@ def _map_of_depth(
 def _map_of_pair(
     options: CaptureOptions, cell: "Cell", profile: "NoiseProfile | None"
 ) -> "RangeMap":
-    from unwrinkle.perception.stereo.head_file import load_look
+    from unwrinkle.perception.stereo.head_file import load_head_angles
     from unwrinkle.perception.stereo.pair import load_pair
     from unwrinkle.perception.stereo.range_mapping import KnownTable, range_map_from_pair
 
     assert options.head is not None
-    look, calibration = load_look(options.head)
+    look, calibration = load_head_angles(options.head)
     pair = load_pair(*options.files)
     x, y, height = (float(value) for value in cell.table_centre)
     width, depth = cell.scenario.table.size
