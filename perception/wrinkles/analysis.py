@@ -1,4 +1,4 @@
-"""Range map to wrinkles and flattening target: the whole of perception's second half."""
+"""Wrinkle analysis: from a range map to measured wrinkles and a flattening target."""
 
 from __future__ import annotations
 
@@ -21,25 +21,26 @@ from unwrinkle.perception.wrinkles.targeting import TableTop, flattening_target
 from unwrinkle.perception.wrinkles.wrinkle import Wrinkle, wrinkles_of
 from unwrinkle.perception.wrinkles.wrinkledness import Wrinkledness, wrinkledness
 
-#: An outline this near to the table's edge runs along it, metres: the rim that a view may lack.
+#: Distance from the table's edge within which the garment's outline counts as along it, metres.
+#: Range maps may lack a rim of this width.
 _AT_EDGE = 0.012
 
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """What was found on a range map.
+    """Wrinkles found on a range map, with the intermediate results.
 
     Attributes:
-        range_map: what was analysed.
-        profile: the noise profile it was analysed with.
+        range_map: the analysed range map.
+        profile: noise profile used.
         mode: one of `PullReading`, the reading of Eq. 5.
-        surface: the garment's fitted surface, on a grid of its own.
+        surface: the garment's fitted surface, on its own grid.
         ridge_points: mask of ridge points, on the surface's grid.
-        wrinkles: largest (by volume score) first.
-        target: what to do about the largest wrinkle that can be grasped, or why there is nothing.
-        target_index: which of `wrinkles` the target is for; None without a target.
-        table: the table's rectangle, which grasp points stay on.
-        section, pull: of targets, see `flattening_target`.
+        wrinkles: sorted by volume score, largest first.
+        target: flattening target of the largest wrinkle that can be grasped, or why there is none.
+        target_index: index into `wrinkles` of the target's wrinkle; None without a target.
+        table: the table's rectangle; grasp points stay on it.
+        section, pull: options of the targets, see `flattening_target`.
     """
 
     range_map: RangeMap
@@ -56,7 +57,7 @@ class Analysis:
 
     @property
     def halting_measure(self) -> float:
-        """Largest pull distance (Eq. 5 in this mode) over the wrinkles, metres; 0 without any."""
+        """Largest pull distance (Eq. 5, reading `mode`) of any wrinkle, metres; 0 without wrinkles."""
         return max((w.pull_distance(self.mode) for w in self.wrinkles), default=0.0)
 
     @property
@@ -67,12 +68,12 @@ class Analysis:
 
     @property
     def flat(self) -> bool:
-        """Whether every wrinkle is below the profile's halting pull: the garment is done."""
+        """Whether every wrinkle's pull distance is below the profile's halting pull."""
         return self.halting_measure < self.profile.halting_pull
 
     @property
     def share_beyond_table(self) -> float:
-        """Share of the garment's area that lies beyond the table's edges."""
+        """Fraction of the garment's area that lies beyond the table's edges."""
         rows, columns = np.nonzero(self.range_map.garment)
         points = self.range_map.origin + self.range_map.resolution * np.column_stack(
             [columns, rows]
@@ -83,7 +84,7 @@ class Analysis:
 
     @property
     def share_along_edge(self) -> float:
-        """Share of the garment's outline that runs along the table's edges: more may hang over them."""
+        """Fraction of the garment's outline along the table's edges, where cloth may hang over."""
         mask = self.range_map.garment
         inner = ndimage.binary_erosion(mask)
         rows, columns = np.nonzero(mask & ~inner)
@@ -96,17 +97,17 @@ class Analysis:
 
     @cached_property
     def classes(self) -> NDArray[np.uint8]:
-        """Shape classes on the range map's grid, uint8, 0 flat or outside."""
+        """Shape classes resampled to the range map's grid, uint8; 0 for flat and outside."""
         return spread(self.surface.classes, self.surface, self.range_map)
 
     @cached_property
     def ridges(self) -> NDArray[np.bool_]:
-        """Ridge points on the range map's grid."""
+        """Ridge-point mask resampled to the range map's grid."""
         return spread(self.ridge_points, self.surface, self.range_map)
 
     @cached_property
     def contours(self) -> NDArray[np.bool_]:
-        """Boundary of convex and concave, on the range map's grid."""
+        """Inflection-contour mask resampled to the range map's grid."""
         return spread(contour_points(self.surface), self.surface, self.range_map)
 
     @cached_property
@@ -116,11 +117,11 @@ class Analysis:
 
     @cached_property
     def wrinkledness(self) -> Wrinkledness:
-        """Entropy of normals, and the grasp point it proposes."""
+        """Entropy of the surface normals and the grasp point with the highest score."""
         return wrinkledness(self.surface, self.profile)
 
     def target_for(self, index: int) -> FlatteningTarget | NoTarget:
-        """Target of the `index`-th wrinkle, largest first, whatever its size.
+        """Compute the flattening target of wrinkle `index`, whatever its size.
 
         Raises:
             InputError: there is no such wrinkle.
@@ -138,7 +139,7 @@ class Analysis:
         )
 
     def targets(self) -> list[tuple[int, FlatteningTarget]]:
-        """All targets, (index, target), of wrinkles above the halting pull, largest first."""
+        """Return (index, target) of every graspable wrinkle above the halting pull, largest first."""
         found = []
         for index in self.worth_pulling:
             target = self.target_for(index)
@@ -147,7 +148,7 @@ class Analysis:
         return found
 
     def to_json(self, *, points: bool = False) -> dict[str, Any]:
-        """Return the result as plain data; the wrinkles' point lists only if asked for."""
+        """Return the result as plain data; with `points`, also the wrinkles' point lists."""
         target: dict[str, Any]
         if isinstance(self.target, FlatteningTarget):
             target = {**self.target.to_json(), "wrinkle": self.target_index}
@@ -178,18 +179,18 @@ def analyse(
     section: str = "centre",
     pull: str = "wrinkle",
 ) -> Analysis:
-    """Find the wrinkles on a range map and what to do about the largest.
+    """Find the wrinkles on a range map and the target of the largest that can be grasped.
 
     Args:
         range_map: height above the table, with the garment's mask.
-        mode: reading of Eq. 5: "paper" (between the contours), "foot" (foot to foot), or "between" (their mean).
-        profile: noise profile; None for the range map's sensor's own.
-        table: the table's rectangle; None for the working table.
-        patches: the paper's independent surface patches in place of one smooth surface.
-        section, pull: of targets, see `flattening_target`.
+        mode: reading of Eq. 5, see `PullReading`.
+        profile: noise profile; None for that of the range map's sensor.
+        table: the table's rectangle; None for the default table.
+        patches: fit the paper's independent surface patches instead of one smooth surface.
+        section, pull: options of the targets, see `flattening_target`.
 
     Raises:
-        InputError: unknown mode or sensor, no garment, nothing measured on it.
+        InputError: unknown mode or sensor, no garment, or no measured cell on it.
     """
     mode = PullReading(mode).value
     profile = profile or noise_profile(range_map.sensor)
@@ -221,7 +222,7 @@ def analyse(
 
 
 def _first_target(analysis: Analysis) -> tuple[FlatteningTarget | NoTarget, int | None]:
-    """Target of the largest wrinkle above the halting pull that can be grasped."""
+    """Return the target, and its index, of the largest wrinkle that can be grasped."""
     first: NoTarget | None = None
     for index in analysis.worth_pulling:
         target = analysis.target_for(index)
