@@ -1,4 +1,4 @@
-"""From a capture to a range map: table plane, garment mask, place in the world, metric grid."""
+"""Range mapping of depth captures: table plane, garment mask, world pose, metric grid."""
 
 import logging
 from dataclasses import dataclass
@@ -28,15 +28,35 @@ __all__ = [
     "segment_capture",
 ]
 
+#: World x, y of the garment's centre if the camera's pose is unknown, metres.
 DEFAULT_CENTRE = (0.0, -1.10)
+
+#: World z of the table if the camera's pose is unknown, metres.
 DEFAULT_TABLE_HEIGHT = 0.70
+
+#: Margin of the grid around the garment, metres.
 _MARGIN = 0.05
+
+#: Largest fraction of the garment without a reading.
 _MOST_HOLES_ON_GARMENT = 0.5
+
+#: Depth below the table plane, metres, beyond which readings are ignored.
 _DEEPEST = 0.02
+
+#: Largest plausible tilt of the table, degrees.
 _MOST_LEAN = 3.0
+
+#: Pixel spacing on the table, multiples of the profile's resolution, above which the grid is
+#: made coarser.
 _COARSER = 1.25
-_TIDY = 0.006  # notches and spikes of the mask narrower than twice this go
-_OCCLUDES = 0.012  # a reading this far above a cell hides it from the camera
+
+#: Radius of the morphological smoothing of the garment's mask, metres.
+_TIDY = 0.006
+
+#: Height of a reading in front of a cell, metres, above which it occludes the cell.
+_OCCLUDES = 0.012
+
+#: Grey level of occluded cells.
 _UNKNOWN_GREY = 128
 
 _log = logging.getLogger(__name__)
@@ -51,22 +71,23 @@ def range_map_from_capture(
     yaw: float = 0.0,
     seed: int = 0,
 ) -> RangeMap:
-    """Fit the table, find the garment, and lay it on the metric grid of the world.
+    """Compute the range map of a capture: fit the table, segment the garment, grid the heights.
 
-    With the camera's pose the garment is where it is. Without it the garment's centre of area is
-    laid at `centre` on a table of `table_height`, the image's upper edge away from the robot
-    (towards -y), so that the robot sees it as the image shows it.
+    If the camera's pose is unknown, the garment's centre of area is placed at `centre` on a table of
+    `table_height`, with the image's upper edge away from the robot (towards -y).
 
     Args:
-        capture: depth with its camera.
-        profile: noise of the sensor; None takes the camera's.
-        centre: world x, y for the garment's centre where the pose is unknown, metres.
-        table_height: world z of the table where the pose is unknown, metres.
-        yaw: turn about the world's z where the pose is unknown, radians.
+        capture: depth image with its camera.
+        profile: noise of the sensor; None for that of the camera.
+        centre: world x, y of the garment's centre if the pose is unknown, metres.
+        table_height: world z of the table if the pose is unknown, metres.
+        yaw: rotation about world z if the pose is unknown, radians.
         seed: of the plane's consensus and GrabCut.
 
     Raises:
-        InputError: no table, no garment, too many holes, or a pose that the table contradicts.
+        NoGarmentError: there is no garment on the table.
+        InsufficientViewError: no table is found, or too much of the garment has no reading.
+        InputError: by the camera's pose the table is not level.
     """
     profile = profile or noise_profile(capture.camera.sensor)
     table, segmentation = segment_capture(capture, profile, seed=seed)
@@ -120,12 +141,13 @@ class _PlacedPoints:
 def segment_capture(
     capture: Capture, profile: NoiseProfile, *, seed: int = 0
 ) -> tuple[TableFit, Segmentation]:
-    """Fit the table and find the garment in the depth image's pixels.
+    """Fit the table and segment the garment in the depth image.
 
-    The plane is fitted twice: the second time without the garment, which biases it upwards.
+    The plane is fitted a second time without the garment, which biases it upwards.
 
     Raises:
-        InputError: no table or no garment; the message names the capture.
+        NoGarmentError: there is no garment on the table.
+        InsufficientViewError: no table is found.
     """
     depth, camera, name = capture.depth, capture.camera, capture.name
     table = fit_table(depth, camera, profile, seed=seed, name=name)
@@ -157,7 +179,7 @@ def _laid(
     table_height: float,
     yaw: float,
 ) -> _PlacedPoints:
-    """Place the camera so that the table is level, the image's down along world +y turned by yaw."""
+    """Place the camera above a level table, with the image's down axis along +y rotated by yaw."""
     z_C = table.normal_C
     y_C = np.array([0.0, 1.0, 0.0]) - z_C[1] * z_C
     y_C /= np.linalg.norm(y_C)
@@ -165,7 +187,7 @@ def _laid(
     c, s = np.cos(yaw), np.sin(yaw)
     R_WC = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ level
     middle = (points_C[garment] @ R_WC.T).mean(axis=0)
-    # A point of the plane is -distance along the normal from the camera.
+    # The plane is `distance` below the camera along its normal.
     p_WC = np.array([centre[0] - middle[0], centre[1] - middle[1], table_height + table.distance])
     return _PlacedPoints(points_C, R_WC, p_WC, table_height)
 
@@ -177,7 +199,7 @@ def _posed(
     points_C: NDArray[np.float64],
     garment: NDArray[np.bool_],
 ) -> _PlacedPoints:
-    """Place the camera at its known pose; the table's height is that of the plane under the garment.
+    """Place the camera at its known pose; take the table's height from the plane below the garment.
 
     Raises:
         InputError: by the pose the table is not level.
@@ -234,8 +256,8 @@ def _gridded(
     )
     cells_W = np.stack([x, y, placed.table_height + height], axis=-1)
     pixels = camera.project(placed.in_camera(cells_W)).astype(np.float32)
-    # Cells without a reading take the mask of the pixel that looks at them, unless something
-    # nearer to the camera is what that pixel sees.
+    # Cells without a reading take the mask of the pixel that they project to, unless that pixel
+    # shows something nearer to the camera.
     looked_at = _sampled(segmentation.garment.astype(np.float32), pixels, cv2.BORDER_CONSTANT)
     in_front = _sampled(table.height.astype(np.float32), pixels, cv2.BORDER_CONSTANT)
     hidden = ~valid & (in_front > _OCCLUDES)

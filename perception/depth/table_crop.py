@@ -1,6 +1,7 @@
-"""The part of a capture that shows a known table: from above a depth camera sees the floor as well.
+"""Cropping of a capture to a known table.
 
-Where the floor fills more of the view than the table does, it is the floor that `fit_table` finds.
+A depth camera above the cell also sees the floor. If the floor fills more of the view than the
+table, `fit_table` would fit the floor.
 """
 
 import dataclasses as dc
@@ -12,26 +13,29 @@ from numpy.typing import NDArray
 from unwrinkle.models import InputError
 from unwrinkle.perception.depth.capture import Capture
 
-_BELOW = 0.05  # metres under the table's top; a reading further down is not on it
+#: Depth below the table's top, metres, beyond which readings are removed.
+_BELOW = 0.05
+
+#: Least width and height of the window, pixels.
 _LEAST_PIXELS = 32
 
 
 def crop_to_table(
     capture: Capture, centre: NDArray[np.floating[Any]], size: tuple[float, float]
 ) -> Capture:
-    """Crop a capture to the window that holds a table's top, and drop readings far below it.
+    """Crop a capture to the window of a table's top and remove readings far below it.
 
     Args:
-        capture: with the camera's pose.
-        centre: (3,) world x, y, z of the middle of the table's top, metres.
-        size: of the top along world x and y, metres.
+        capture: a capture with the camera's pose.
+        centre: (3,) world position of the centre of the table's top, metres.
+        size: extent of the top along world x and y, metres.
 
     Returns:
-        A capture of its own camera: the same pinhole with a smaller image.
+        The cropped capture, with the camera of its smaller image.
 
     Raises:
-        InputError: the pose is not known, the camera is not above the table, the table is not in
-            view, or there is next to no reading on it.
+        InputError: the pose is unknown, the camera is not above the table, the table is not in
+            view, or there are too few readings on it.
     """
     if capture.X_WC is None:
         raise InputError(f"{capture.name}: where the camera is, is not known; give its pose")

@@ -1,7 +1,7 @@
-"""The table plane under the garment, and the slow bias of the depth sensor seen on it.
+"""Fit of the table plane under the garment, and of the depth sensor's low-frequency bias.
 
-A plane n . p = 1 seen by a pinhole has inverse depth 1/z = n . (x, y, 1): linear in the ray. So
-the fit is linear in inverse depth, which is also where structured light's errors are simple.
+A plane n . p = 1 seen by a pinhole camera has inverse depth 1/z = n . (x, y, 1), linear in the ray.
+The fit is therefore linear in inverse depth, in which structured light also has simple errors.
 """
 
 from dataclasses import dataclass
@@ -14,25 +14,36 @@ from unwrinkle.models.errors import InsufficientViewError
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.sensor import NoiseProfile
 
+#: Trials of the consensus sampling.
 _TRIALS = 600
+
+#: Readings on which a trial is scored.
 _SAMPLES = 8000
+
+#: Limit of the readings in the least-squares fit.
 _FIT_SAMPLES = 80_000
+
+#: Least fraction of the readings on the plane.
 _LEAST_TABLE = 0.08
+
+#: Largest angle between the view and the table's normal, degrees.
 _STEEPEST = 60.0
+
+#: Least fraction of a column's pixels on the table for a bias of its own.
 _LEAST_PER_COLUMN = 0.08
 
 
 @dataclass(frozen=True, eq=False)
 class TableFit:
-    """The table plane in the camera frame C and the depth with the slow bias taken out.
+    """Table plane in the camera frame C, and the depth with the bias removed.
 
     Attributes:
-        normal_C: (3,) unit normal that points to the camera (up).
+        normal_C: (3,) unit normal towards the camera (up).
         distance: from the camera to the plane, metres.
-        depth: (h, w) metres along z of C, bias corrected, 0 where there is no reading.
-        height: (h, w) metres above the plane, 0 where there is no reading.
-        table: (h, w) bool, readings that lie on the plane.
-        rms: metres, of the table's readings about the plane.
+        depth: (h, w) bias-corrected depth along z of C, metres; 0 without a reading.
+        height: (h, w) height above the plane, metres; 0 without a reading.
+        table: (h, w) bool, readings on the plane.
+        rms: RMS height of the readings on the plane, metres.
     """
 
     normal_C: NDArray[np.float64]
@@ -52,18 +63,18 @@ def fit_table(
     seed: int = 0,
     name: str = "capture",
 ) -> TableFit:
-    """Fit the table that a garment lies on: much of the view is on it, little is below.
+    """Fit the table plane: much of the view lies on it and little below it.
 
     Args:
         depth: (h, w) metres along the optical axis, 0 for no reading.
-        camera: of that image size.
-        profile: noise of the sensor; says whether a slow bias is taken out.
-        exclude: (h, w) readings known to be garment, left out of the fit.
+        camera: intrinsics of the depth image.
+        profile: noise of the sensor, and the kind of bias to remove.
+        exclude: (h, w) bool, readings on the garment, left out of the fit.
         seed: of the consensus sampling.
         name: of the capture, for messages.
 
     Raises:
-        InsufficientViewError: no plane holds enough of the view, or it is seen at a grazing angle.
+        InsufficientViewError: no plane has enough readings, or it is seen at a grazing angle.
     """
     x, y = camera.rays()
     seen = depth > 0.0
@@ -135,7 +146,7 @@ def _consensus(
         if plane[2] <= 0.0:
             continue
         height = _heights(rays, inverse, plane)
-        # The garment lies above: readings under the plane speak against it, those above do not.
+        # Readings below the plane lower the score; those above may be the garment.
         below = (height < -2.0 * band) & (height > -0.1)
         score = float(np.count_nonzero(np.abs(height) < band) - 0.5 * np.count_nonzero(below))
         if score > best_score:
@@ -150,7 +161,7 @@ def _bias(
     band: float,
     profile: NoiseProfile,
 ) -> NDArray[np.float64]:
-    """Slow error of inverse depth over the image: a low polynomial, and bands along columns."""
+    """Return the inverse-depth bias (h, w): a polynomial over the image and column offsets."""
     bias = np.zeros(residual.shape)
     if profile.bias_degree < 2 and not profile.column_bias:
         return bias
@@ -179,7 +190,7 @@ def _bias(
 
 
 def _columns(rest: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Median error per column; columns with little table in view take their neighbours'."""
+    """Return the median error per column, interpolated over columns with little table in view."""
     count = np.count_nonzero(np.isfinite(rest), axis=0)
     good = count >= _LEAST_PER_COLUMN * rest.shape[0]
     if np.count_nonzero(good) < 2:

@@ -1,4 +1,4 @@
-"""From a pair of images and the head's angles to a range map on the working table."""
+"""Range mapping of image pairs: rectify, match, level on the known table, segment, grid."""
 
 import dataclasses
 import logging
@@ -26,21 +26,50 @@ from unwrinkle.perception.stereo.rectification import Rectification, rectify
 from unwrinkle.perception.stereo.speckle import remove_speckle
 from unwrinkle.perception.stereo.table_view import TableView
 
-_TALLEST = 0.25  # nothing on the table that matters is higher, metres
-_DEEPEST = 0.03  # the table may be lower than expected by this
-_MARGIN = 0.03  # seen around the table, metres
+#: Largest height above the table that is matched, metres.
+_TALLEST = 0.25
+
+#: Largest depth below the table that is matched, metres.
+_DEEPEST = 0.03
+
+#: Margin around the table in the matched region, metres.
+_MARGIN = 0.03
+
+#: Rim of the table left out of the grid, metres: it may show the background.
 _RIM = 0.004
-_AROUND = 0.05  # metres of the map around the garment
-_COARSE = 8  # the table is sought in depth reduced by this, down to the width below
+
+#: Margin of the range map around the garment, metres.
+_AROUND = 0.05
+
+#: Reduction of the depth image in which the table is fitted.
+_COARSE = 8
+
+#: Least width of that image, pixels.
 _COARSE_WIDTH = 400
-_NEAR = 1.6  # metres; a table nearer than this is seen with less noise
+
+#: Distance below which the table is seen with the noise of profile "stereo", metres.
+_NEAR = 1.6
+
+#: Least fraction of measured pixels in a reduced pixel.
 _HALF_SEEN = 0.5
-_UNDER = 0.001  # metres under a plane where the table is, if the plane was a garment's
-_LEAST_TABLE = 0.06  # share of the view that the table then has
+
+#: Depth below a fitted plane, metres, of readings that show that the plane is a garment's.
+_UNDER = 0.001
+
+#: Fraction of such readings above which the table is fitted to them instead.
+_LEAST_TABLE = 0.06
+
+#: Largest fraction of the table, or of the garment, without a match.
 _MOST_HOLES = 0.4
+
+#: Largest plausible tilt of the table, degrees.
 _MOST_LEAN = 2.0
-#: Most that the measured table may lie off the known one: what three steps of both units explain.
+
+#: Limit of the distance between the measured and the known table, metres: the effect of three
+#: steps of both units.
 LARGEST_TABLE_ERROR = 0.025
+
+#: Tolerance of the image's scale between height and width.
 _SHAPE_TOLERANCE = 0.002
 
 _log = logging.getLogger(__name__)
@@ -48,7 +77,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class KnownTable:
-    """The working table as the cell knows it, metres in the world.
+    """Working table of the cell. World frame W, metres.
 
     Attributes:
         centre: x, y.
@@ -61,7 +90,7 @@ class KnownTable:
     height: float = 0.70
 
     def box(self) -> NDArray[np.float64]:
-        """Corners (8, 3) of the space over the table where a garment can be."""
+        """Return the corners (8, 3) of the matched space around the table's top."""
         half = 0.5 * np.array(self.size) + _MARGIN
         low = [*(self.centre - half), self.height - _DEEPEST]
         high = [*(self.centre + half), self.height + _TALLEST]
@@ -69,7 +98,7 @@ class KnownTable:
         return np.asarray(corners, dtype=float)
 
     def grid(self, resolution: float) -> Grid:
-        """The grid over the table's top, less a rim that may show what is behind it."""
+        """Return the grid over the table's top, without its rim."""
         x, y = np.array(self.centre) - 0.5 * np.array(self.size) + _RIM
         nx, ny = (int((length - 2.0 * _RIM) / resolution) + 1 for length in self.size)
         return Grid(float(x), float(y), nx, ny, resolution)
@@ -77,13 +106,13 @@ class KnownTable:
 
 @dataclass(frozen=True, eq=False)
 class StereoMatch:
-    """A matched pair: everything up to the metric range map, before the garment is sought.
+    """Matched image pair: rectification, camera pose and disparity.
 
     Attributes:
         rectification: geometry of the rectified pair; C is its left camera.
         X_WC: (4, 4) pose of C in the world.
         disparity: of the rectified left image.
-        check: what the epipolar check found.
+        check: result of the epipolar check.
     """
 
     rectification: Rectification
@@ -103,15 +132,15 @@ def match_pair(
     """Rectify and match a pair.
 
     Args:
-        pair: the images; of the calibrated size or reduced alike in both directions.
+        pair: images of the calibrated size, or reduced equally in both directions.
         head: calibrated head.
-        gaze: its angles when the pair was taken.
-        table: gives the region and the range of disparities; None for the Glasgow cell's.
-        whole: match all that both eyes see, not only what can show the table.
+        gaze: head angles when the pair was taken.
+        table: defines the region and the disparity range; None for the Glasgow cell's table.
+        whole: match the whole common view instead of the region around the table.
 
     Raises:
-        InputError: sizes that do not fit, angles beyond the limits, a table out of view, images
-            swapped or out of step with the angles.
+        InputError: wrong image sizes, angles beyond the limits, or a table out of view.
+        EpipolarError: the images are swapped or do not agree with the angles.
     """
     table = table or KnownTable()
     X_WL, X_WR = head.poses(gaze)
@@ -137,20 +166,22 @@ def range_map_from_pair(
     profile: NoiseProfile | None = None,
     seed: int = 0,
 ) -> RangeMap:
-    """Match a pair, find the garment on the table and lay its heights on the metric grid.
+    """Compute the range map of an image pair: match, segment the garment, grid the heights.
 
-    The table's height is known better than the angle between the eyes: what the measured plane is
-    off by is taken out as a constant of the disparity, where the units' steps can explain it.
+    The table's height is known better than the angle between the eyes. The height error of the
+    measured plane is therefore corrected by a constant disparity offset, if the resolution of the
+    units explains it.
 
     Args:
         pair, head, gaze: see `match_pair`.
         table: the working table; None for the Glasgow cell's.
-        profile: noise of the sensor; None for that of the distance.
+        profile: noise of the sensor; None chooses it by the distance.
         seed: of the plane's consensus and GrabCut.
 
     Raises:
-        InputError: as `match_pair`; too little of the table was matched, it leans or lies too far from
-            where the cell has it, or there is no garment.
+        InputError: as `match_pair`; or the measured table is tilted or too far from the known one.
+        InsufficientViewError: too little of the table or of the garment was matched.
+        NoGarmentError: there is no garment on the table.
     """
     table = table or KnownTable()
     found = match_pair(pair, head, gaze, table=table)
@@ -183,16 +214,17 @@ def range_map_from_pair(
 def table_heights(
     found: StereoMatch, table: KnownTable, grid: Grid, *, offset: float = 0.0
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Lay a matched pair on a grid over the table.
+    """Compute the heights of a matched pair on a grid over the table.
 
     Args:
-        found: the pair.
-        table: that heights count from.
-        grid: where to.
+        found: the matched pair.
+        table: reference of the heights.
+        grid: output grid.
         offset: added to disparities, pixels.
 
     Returns:
-        (ny, nx) metres above the table, 0 where there is nothing, and (ny, nx) bool where there is.
+        Heights (ny, nx) above the table, metres, 0 in cells without data, and the mask (ny, nx) of
+        cells with data.
     """
     return heights_on_grid(
         found.disparity,
@@ -206,13 +238,13 @@ def table_heights(
 
 
 def _profile(found: StereoMatch, table: KnownTable) -> NoiseProfile:
-    """The noise that this distance has."""
+    """Return the noise profile for the distance of the table."""
     away = float(np.linalg.norm(np.array([*table.centre, table.height]) - found.X_WC[:3, 3]))
     return noise_profile("stereo" if away < _NEAR else "stereo-head")
 
 
 def _resolution(found: StereoMatch, table: KnownTable, profile: NoiseProfile, name: str) -> float:
-    """Cell size, metres: the profile's, or coarser where pixels lie further apart on the table."""
+    """Return the cell size, metres: the profile's, or the pixel spacing on the table if larger."""
     towards = np.array([*table.centre, table.height]) - found.X_WC[:3, 3]
     distance = float(np.linalg.norm(towards))
     spacing = distance**2 / (found.rectification.camera.fx * -float(towards[2]))
@@ -260,7 +292,7 @@ def _camera(eye: Eye, pair: StereoPair) -> Camera:
 
 
 def _check_view(camera: Camera, box_L: NDArray[np.float64], pair: StereoPair) -> None:
-    """Refuse a gaze that does not have the middle of the table in view."""
+    """Check that the middle of the table is in view."""
     x, y, z = box_L.mean(axis=0)
     u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
     if z <= 0.0 or not (0.0 <= u < camera.width and 0.0 <= v < camera.height):
@@ -273,7 +305,7 @@ def _check_view(camera: Camera, box_L: NDArray[np.float64], pair: StereoPair) ->
 def _reduced(
     found: StereoMatch, table: KnownTable, name: str
 ) -> tuple[NDArray[np.float32], Camera]:
-    """Depth of what is on the table, on a smaller image of the rectified left camera.
+    """Return the depth image of the table, reduced, and its camera.
 
     Raises:
         InsufficientViewError: too little of the table could be matched.
@@ -305,7 +337,7 @@ def _reduced(
 def _lowest_plane(
     depths: NDArray[np.float32], camera: Camera, profile: NoiseProfile, seed: int, name: str
 ) -> TableFit:
-    """Fit the table, also where more of the view is a garment lying flat on it."""
+    """Fit the table, even if a flat garment fills more of the view than the table."""
     fit = fit_table(depths, camera, profile, seed=seed, name=name)
     below = (depths > 0.0) & (fit.height < -_UNDER)
     if np.count_nonzero(below) > _LEAST_TABLE * np.count_nonzero(depths):
@@ -316,10 +348,10 @@ def _lowest_plane(
 def _known_height(
     found: StereoMatch, table: KnownTable, profile: NoiseProfile, name: str, seed: int
 ) -> float:
-    """Return what must be added to disparities, pixels, to see the table at its known height.
+    """Return the disparity offset, pixels, that puts the table at its known height.
 
     Raises:
-        InputError: the table leans, or lies off by more than the units' resolution explains.
+        InputError: the table is tilted, or off by more than the units' resolution explains.
     """
     depths, camera = _reduced(found, table, name)
     fit = _lowest_plane(depths, camera, profile, seed, name)

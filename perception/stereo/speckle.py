@@ -1,4 +1,4 @@
-"""Small islands of disparity that nothing joins to the rest: chance matches, mostly of bare walls."""
+"""Speckle filter of disparity images: removes small isolated components (chance matches)."""
 
 import dataclasses
 
@@ -7,17 +7,24 @@ import numpy as np
 
 from unwrinkle.perception.stereo.matching import Disparity
 
-_WIDTH = 600  # islands are sought on a thinned image of about this width
-_SHARE = 0.01  # of the valid pixels; what is smaller is an island
-_SLOPE = 0.5  # pixels of disparity per pixel that still join neighbours
+#: Approximate width of the subsampled image on which components are labelled, pixels.
+_WIDTH = 600
+
+#: Size of a component, as a fraction of the valid pixels, below which it is speckle.
+_SHARE = 0.01
+
+#: Largest disparity gradient within a component, pixels per pixel.
+_SLOPE = 0.5
+
+#: Fixed-point scale of OpenCV's speckle filter.
 _SIXTEENTHS = 16
 
 
 def remove_speckle(disparity: Disparity) -> Disparity:
-    """Call islands not valid.
+    """Invalidate small connected components of a disparity image.
 
-    A garment joins the table it lies on, and the table is most of the view. A patch of less than 1 %
-    of what was matched, apart from all else by a step of the disparity, is neither.
+    The table fills most of the view, and a garment is connected to it. A component of less than 1 %
+    of the valid pixels, separated by a disparity step, is neither.
     """
     step = max(1, round(disparity.valid.shape[1] / _WIDTH))
     valid = disparity.valid[::step, ::step]
@@ -30,7 +37,7 @@ def remove_speckle(disparity: Disparity) -> Disparity:
     if not dropped.any():
         return disparity
     values, whole = disparity.disparity.copy(), disparity.valid.copy()
-    for i, j in np.argwhere(dropped) * step:  # few: islands are small
+    for i, j in np.argwhere(dropped) * step:  # few pixels: speckle is small
         values[i : i + step, j : j + step] = 0.0
         whole[i : i + step, j : j + step] = False
     for array in (values, whole):

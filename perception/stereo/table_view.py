@@ -1,4 +1,4 @@
-"""The table seen from straight above: the garment's mask, colour and the level of the table on one grid."""
+"""Orthographic view of the table: heights, colour, garment mask and levelling on one grid."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,25 +14,36 @@ from unwrinkle.perception.depth.segmentation import segment
 from unwrinkle.perception.height_grid import Grid
 from unwrinkle.perception.sensor import NoiseProfile
 
-_COARSE = 0.002  # metres; the garment is sought on cells of about this size
+#: Approximate cell size for the segmentation of the garment, metres.
+_COARSE = 0.002
+
+#: Least fraction of measured cells in a coarse cell.
 _HALF_SEEN = 0.5
-_AWAY = 0.012  # metres from the garment that the table's level is taken at
+
+#: Distance from the garment of the cells that the table's plane is fitted to, metres.
+_AWAY = 0.012
+
+#: Outlier limit of that fit, multiples of the robust spread.
 _CLIP = 3.0
+
+#: Limit of the cells in that fit.
 _SAMPLES = 60_000
-_LEAST_TABLE = 0.03  # share of the cells
+
+#: Least fraction of bare table cells.
+_LEAST_TABLE = 0.03
 
 
 @dataclass(frozen=True, eq=False)
 class TableView:
-    """Heights over a table's grid, and the camera whose picture goes with them.
+    """Heights on a grid over the table, with the camera that they were measured from.
 
     Attributes:
         grid: over the table, aligned with the world.
-        height: (ny, nx) metres above the table as the camera's pose has it.
-        valid: (ny, nx) bool, where there is a height.
-        table_height: world z of the table.
-        camera: without distortion.
-        X_WC: (4, 4) its pose.
+        height: (ny, nx) heights above the table by the camera's pose, metres.
+        valid: (ny, nx) bool, cells with a height.
+        table_height: world z of the table, metres.
+        camera: pinhole camera without distortion.
+        X_WC: (4, 4) pose of the camera in the world.
         name: for messages.
     """
 
@@ -45,22 +56,22 @@ class TableView:
     name: str
 
     def colour(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The camera's picture (h, w, 3) laid over the cells, (ny, nx, 3)."""
+        """Project the camera's image (h, w, 3) onto the cells; return (ny, nx, 3)."""
         columns, rows = self._pixels
         return np.asarray(cv2.remap(picture, columns, rows, cv2.INTER_LINEAR), dtype=np.uint8)
 
     def garment(
         self, colour: NDArray[np.uint8], profile: NoiseProfile, seed: int
     ) -> NDArray[np.bool_]:
-        """Find the garment, (ny, nx) bool.
+        """Segment the garment; return its mask (ny, nx).
 
         Args:
-            colour: (ny, nx, 3) of the cells.
+            colour: (ny, nx, 3) colour of the cells.
             profile: noise of the heights.
             seed: of GrabCut.
 
         Raises:
-            NoGarmentError: there is none.
+            NoGarmentError: there is no garment on the table.
         """
         size = self._coarse_size
         weight = cv2.resize(self.valid.astype(np.float32), size, interpolation=cv2.INTER_AREA)
@@ -74,10 +85,10 @@ class TableView:
         return np.asarray(mask) > 0.5
 
     def levelled(self, garment: NDArray[np.bool_]) -> tuple[NDArray[np.float64], float]:
-        """Heights (ny, nx) above the plane fitted to the bare table, and that plane's RMS, metres.
+        """Return the heights (ny, nx) above a plane fitted to the bare table, and its RMS, metres.
 
         Raises:
-            InsufficientViewError: too little of the table is bare to know its level.
+            InsufficientViewError: too little bare table is measured.
         """
         radius = round(_AWAY / self.grid.resolution)
         square = np.ones((2 * radius + 1,) * 2, np.uint8)
@@ -110,7 +121,7 @@ class TableView:
 
     @cached_property
     def _pixels(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Columns and rows (ny, nx) of the pixels that look at the cells."""
+        """Columns and rows (ny, nx) of the cells in the camera's image, pixels."""
         grid = self.grid
         x = grid.x_first + grid.resolution * np.arange(grid.nx) - self.X_WC[0, 3]
         y = (grid.y_first + grid.resolution * np.arange(grid.ny) - self.X_WC[1, 3])[:, None]

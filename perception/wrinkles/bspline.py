@@ -142,13 +142,12 @@ def fit_spline(
     patches: bool = False,
     sweeps: int = 30,
 ) -> TensorSpline:
-    """Fit a tensor B-spline to the cells of `height` where `weight` > 0, in the least squares sense.
+    """Fit a tensor B-spline to the cells of `height` where `weight` > 0 by least squares.
 
-    With weights of one everywhere, one separable solve is the answer. With holes it is the first of
-    the *fill and refit* sweeps: fill the holes with the fit, fit again. Those sweeps are a
-    Richardson iteration with the full grid's solve as preconditioner; conjugate gradients take
-    the same steps and need some tens instead of thousands. Parts that no cell supports keep
-    what the first fill gave them (nearest cell outwards).
+    With unit weights one separable solve gives the solution. With holes, conjugate gradients with
+    the full grid's solve as preconditioner converge in some tens of iterations, where alternately
+    filling the holes and refitting (a Richardson iteration with the same preconditioner) needs
+    thousands. Control points without supporting cells keep the first fill (nearest cell outwards).
 
     The penalty on the third derivative along each axis makes the fit a low-pass filter with the
     response 1 / (1 + (smoothing w)^6) per axis, w in rad/m. Compared with wider knots it attenuates
