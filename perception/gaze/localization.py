@@ -1,8 +1,8 @@
-"""Where a point of the scene is in an image, to a fraction of a pixel, or that it is not there.
+"""Sub-pixel localization of a template or of a scene point in an image.
 
-SIFT matches in reduced images tell the place to a few pixels, Lucas-Kanade on a small window of the
-images themselves to one, its affine refinement to a fraction (ECC: G. Evangelidis and E. Psarakis,
-PAMI 2008). The windows are small because cloth with wrinkles is no plane.
+SIFT matches in reduced images give a position within a few pixels, Lucas-Kanade on a small window
+of the full images within one, and an affine refinement within a fraction (ECC: G. Evangelidis and
+E. Psarakis, PAMI 2008). The windows are small because wrinkled cloth is not planar.
 """
 
 from dataclasses import dataclass
@@ -15,26 +15,43 @@ from numpy.typing import NDArray
 from unwrinkle.models import InputError
 from unwrinkle.perception.features import Homography, Points, Template, View, find, mapped, template
 
-_WINDOWS = (31, 61)  # pixels; the larger where the smaller holds too little texture
+#: Sides of the Lucas-Kanade windows, pixels; the larger one if the smaller has too little texture.
+_WINDOWS = (31, 61)
+
+#: Pyramid levels of Lucas-Kanade.
 _LEVELS = 2
+
+#: Side of the window of the affine refinement, pixels.
 _AFFINE_WINDOW = 41
-_MOST_REST = 4.0  # pixels
-_CROP = 160  # pixels to each side of the expected place
+
+#: Limit of the affine refinement's shift, pixels.
+_MOST_REST = 4.0
+
+#: Half size of the crop around the expected position, pixels.
+_CROP = 160
+
+#: Least correlation of the windows.
 _LEAST_CORRELATION = 0.6
-_FARTHEST_SHIFT = 60.0  # pixels that the matches may be off
-_BLUR = 1.0  # pixels; the sensor's noise is finer than the cloth's texture
-_REGIONS = (1 / 8, 1 / 4, 1.0)  # radius of the surroundings to verge by, of the image's width
+
+#: Limit of the shift from the position by the matches, pixels.
+_FARTHEST_SHIFT = 60.0
+
+#: Sigma of the smoothing, pixels: the sensor's noise is finer than the cloth's texture.
+_BLUR = 1.0
+
+#: Half sizes of the surroundings that are matched between the eyes, fractions of the image width.
+_REGIONS = (1 / 8, 1 / 4, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """Where a point is in an image.
+    """Position of a point in an image.
 
     Attributes:
-        pixel: (2,) u, v; may be outside the image where only a part of the target is in it.
-        inliers: SIFT matches that agree.
-        correlation: of the windows around the point, -1 to 1; 0 where they were not compared.
-        H: (3, 3) from the template's pixels to the image's, by the matches.
+        pixel: (2,) u, v; may be outside the image if only a part of the target is visible.
+        inliers: number of inlier SIFT matches.
+        correlation: of the windows around the point, -1 to 1; 0 if they were not compared.
+        H: (3, 3) homography from the template's pixels to the image's, by the matches.
     """
 
     pixel: Points
@@ -44,7 +61,7 @@ class Sighting:
 
     @property
     def sharp(self) -> bool:
-        """Whether the place is known to a fraction of a pixel."""
+        """Whether the position is accurate to a fraction of a pixel."""
         return self.correlation >= _LEAST_CORRELATION
 
 
@@ -60,11 +77,11 @@ class NotSeen:
 
 
 def locate(target: Template, scene: View) -> Sighting | NotSeen:
-    """Find the point that counts of a template in a view.
+    """Locate the reference point of a template in a view.
 
     Args:
-        target: of an image reduced by about the same factor.
-        scene: to look in.
+        target: template of an image reduced by about the same factor.
+        scene: view to search.
     """
     found = find(target.features, scene.features, scene.factor)
     if found is None:
@@ -84,7 +101,7 @@ def locate(target: Template, scene: View) -> Sighting | NotSeen:
 
 
 def correspond(source: View, pixel: Points, scene: View) -> Sighting | NotSeen:
-    """Find the surface point at a pixel (2,) of one view in another, by what is around it."""
+    """Locate the surface point at a pixel (2,) of one view in another by its surroundings."""
     height, width = source.grey.shape
     if not (0.0 <= pixel[0] <= width - 1.0 and 0.0 <= pixel[1] <= height - 1.0):
         return NotSeen(f"the point is outside the other eye's image, at {np.round(pixel)}")
@@ -104,7 +121,7 @@ def correspond(source: View, pixel: Points, scene: View) -> Sighting | NotSeen:
 def _align(
     target: Template, H: Homography, pixel: Points, grey: NDArray[np.uint8], window: int
 ) -> tuple[Points, float] | None:
-    """Place of the template's centre by Lucas-Kanade, and how well the windows correlate."""
+    """Return the template's centre by Lucas-Kanade and the correlation of the windows, or None."""
     height, width = grey.shape
     half = 0.5 * window
     if not (half <= pixel[0] <= width - 1 - half and half <= pixel[1] <= height - 1 - half):
@@ -143,7 +160,7 @@ def _align(
 def _affine_rest(
     a: NDArray[np.uint8], b: NDArray[np.uint8], start: Points, end: Points
 ) -> NDArray[np.float64]:
-    """What a shift alone leaves (2,) where a wrinkle's flank is seen stretched: ECC, affine."""
+    """Return the residual shift (2,), pixels, of an affine ECC alignment of the windows."""
     middle = 0.5 * (_AFFINE_WINDOW - 1)
     piece = cv2.getRectSubPix(a, (_AFFINE_WINDOW, _AFFINE_WINDOW), start.tolist())
     warp = np.array([[1.0, 0.0, end[0] - middle], [0.0, 1.0, end[1] - middle]], dtype=np.float32)
@@ -156,7 +173,7 @@ def _affine_rest(
 
 
 def _normalised(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Same mean and contrast for all: the eyes' gains differ, and so does the light."""
+    """Normalise mean and contrast: gains and lighting differ between the eyes."""
     smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), _BLUR), dtype=np.float32)
     smooth = (smooth - smooth.mean()) * (40.0 / max(float(smooth.std()), 1.0)) + 128.0
     return np.clip(np.rint(smooth), 0.0, 255.0).astype(np.uint8)

@@ -37,7 +37,7 @@ _LEAST_SHARE = 0.5
 #: Expected rotation, radians: about x from the units' steps, about z from the calibration.
 _EXPECTED_TURN = np.array([0.0002, 0.00005])
 
-#: Weight of the expected rotation as an error of the matches, pixels.
+#: Residual of the prior at the expected rotation, pixels.
 _MATCH_ERROR = 3.0
 
 #: Row error, as a tangent, above which a match is a gross outlier.
