@@ -1,7 +1,7 @@
-"""Bundle adjustment: every corner of every board at once.
+"""Bundle adjustment over all corners of all calibration boards.
 
-Levenberg-Marquardt over the poses and intrinsics of a rig (see `rig`). Each shot weighs by its own
-noise, and joints that are known to some noise only are unknowns with a prior.
+Levenberg-Marquardt over the poses and intrinsics of a rig (see `rig`). Each board observation is
+weighted by its own noise; joint angles with a known noise are unknowns with a prior.
 """
 
 from dataclasses import dataclass
@@ -16,11 +16,22 @@ from unwrinkle.perception.calibration._bundle_problem import (
 )
 from unwrinkle.perception.calibration.rig import BoardObservation, Rig
 
-_FIRST_NOISE = 0.1  # pixels
+#: Initial noise of a corner, pixels.
+_FIRST_NOISE = 0.1
+
+#: Number of reweighted adjustments.
 _WEIGHINGS = 3
+
+#: The same if the joints' noise is estimated.
 _WEIGHINGS_LEARNING = 6
-_LEAST_NOISE = 0.5  # of the median shot's
-_FIRST_JOINT_NOISE = 2e-4  # radians
+
+#: Least noise of an observation, fraction of the median one's.
+_LEAST_NOISE = 0.5
+
+#: Initial noise of the joints, radians.
+_FIRST_JOINT_NOISE = 2e-4
+
+#: Least noise of the joints, radians.
 _LEAST_JOINT_NOISE = 1e-7
 
 
@@ -29,15 +40,15 @@ class Adjustment:
     """Outcome of a bundle adjustment.
 
     Attributes:
-        rig: the best one.
-        shot_rms: (shots,) RMS distance of corners from where they should be, pixels.
-        rms: of all corners, pixels.
-        mount_sigma: (eyes, 6) standard deviations of the mounts' twists; 0 where held.
-        camera_sigma: (eyes, 6) standard deviations of fx, fy, cx, cy, k1, k2; 0 where held.
+        rig: the estimated rig.
+        shot_rms: (observations,) RMS reprojection error, pixels.
+        rms: RMS reprojection error of all corners, pixels.
+        mount_sigma: (eyes, 6) standard deviations of the mounts' twists; 0 if held.
+        camera_sigma: (eyes, 6) standard deviations of fx, fy, cx, cy, k1, k2; 0 if held.
         base_sigma: (bases, 6) as `mount_sigma`.
-        joint_errors: (shots, 2) errors found of the joints known to some noise, radians.
-        joint_noise: their standard deviation, as given or as found, radians.
-        residuals: (shots) arrays (n, 2) of seen minus predicted corners, pixels.
+        joint_errors: (observations, 2) estimated errors of the joint angles, radians.
+        joint_noise: standard deviation of the joint angles, given or estimated, radians.
+        residuals: array (n, 2) of seen minus predicted corners for each observation, pixels.
     """
 
     rig: Rig
@@ -60,17 +71,17 @@ def adjust(
     bases: bool = True,
     joint_noise: float | None = 0.0,
 ) -> Adjustment:
-    """Find the rig that puts every corner closest to where it was seen.
+    """Estimate the rig that minimises the weighted reprojection error.
 
-    Each shot weighs by its own noise, which is what its corners still miss by: a view that is
-    blurred, or was taken in motion, tells less than the others.
+    Each observation is weighted by its own noise, estimated from its residuals, so that views that
+    are blurred or taken in motion count less.
 
     Args:
-        rig: where to start; p1, p2 and k3 of its cameras stay as they are.
-        shots: at least one for each eye, base and board.
-        intrinsics, mounts, bases: whether these are unknown; boards always are.
-        joint_noise: standard deviation of the joints' angles, radians; 0 takes them as exact, None
-            finds it (by expectation maximisation).
+        rig: initial rig; p1, p2 and k3 of its cameras are held.
+        shots: board observations, at least one for each eye, base and board.
+        intrinsics, mounts, bases: whether these are unknowns; board poses always are.
+        joint_noise: standard deviation of the joint angles, radians; 0 for exact angles, None
+            estimates it (by expectation maximisation).
 
     Raises:
         InputError: the corners do not determine the unknowns.
@@ -117,5 +128,5 @@ def adjust(
 
 
 def _rms(residual: NDArray[np.float64]) -> float:
-    """RMS length of 2-D residuals."""
+    """Return the RMS length of residuals (..., 2)."""
     return float(np.sqrt(np.mean(np.sum(residual**2, axis=-1))))

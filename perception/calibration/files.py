@@ -1,4 +1,4 @@
-"""What a calibration reads and writes: pairs of images by name, looks, poses, results."""
+"""Files of a calibration: image pairs, head views, gripper views, results."""
 
 import dataclasses
 import re
@@ -20,17 +20,22 @@ from unwrinkle.perception.calibration.stereo import PairView, StereoCalibration
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.stereo.head import Gaze
 
+#: Suffixes of image files.
 IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 _SIDE = re.compile(r"left|right", re.IGNORECASE)
+#: Threads for the detection of boards.
 _WORKERS = 2
-_NAMELESS = "pair"  # left.png and right.png, with nothing else in their names
 
+#: Name of the pair left.png, right.png.
+_NAMELESS = "pair"
+
+#: Callback with the number of images done, the number of all, and the file's name.
 Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)
 class ImagePair:
-    """Two image files of one moment; `name` is what their names have in common."""
+    """Two simultaneous image files; `name` is the common part of their names."""
 
     name: str
     left: Path
@@ -39,7 +44,7 @@ class ImagePair:
 
 @dataclass(frozen=True)
 class EyeImage:
-    """One eye in a file of looks: its image (empty for none) and its angles in radians."""
+    """One eye in looks.yaml: its image (empty for none) and its angles, radians."""
 
     image: str = ""
     pan: float = float("nan")
@@ -48,13 +53,13 @@ class EyeImage:
 
 @dataclass(frozen=True)
 class HeadViewRecord:
-    """One look in a file of looks.
+    """One head view in looks.yaml.
 
     Attributes:
-        name: for messages; may be left out.
-        left, right: image and angles.
+        name: for messages; optional.
+        left, right: image and angles of each eye.
         ext_axis: angle of the turn-table, radians.
-        place: which place the board was at; the same everywhere unless it was moved.
+        place: label of the board's place; change it when the board is moved.
     """
 
     name: str = ""
@@ -66,14 +71,14 @@ class HeadViewRecord:
 
 @dataclass(frozen=True)
 class HeadViews:
-    """The schema of looks.yaml; images are named relative to it."""
+    """Schema of looks.yaml; image paths are relative to it."""
 
     looks: list[HeadViewRecord] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
 class GripperView:
-    """One look of a camera in the gripper: its image, and X_WG, the gripper's pose then."""
+    """One view of the gripper camera: its image and X_WG, the gripper's pose."""
 
     image: str = ""
     pose: PoseRecord = field(default_factory=PoseRecord)
@@ -81,22 +86,22 @@ class GripperView:
 
 @dataclass(frozen=True)
 class GripperViews:
-    """The schema of poses.yaml; images are named relative to it."""
+    """Schema of poses.yaml; image paths are relative to it."""
 
     looks: list[GripperView] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
 class MountedCamera:
-    """A camera in the gripper, as its calibration's file states it.
+    """Calibrated gripper camera, as stored in its file.
 
     Attributes:
         date: YYYY-MM-DD.
         camera: intrinsics.
-        mount: X_GC, the camera in the gripper's frame.
+        mount: X_GC, pose of the camera in the gripper's frame.
         residual: RMS reprojection error, pixels.
-        views: looks that it rests on.
-        rejected: the looks left out, with the reason.
+        views: number of views used.
+        rejected: rejected views, with the reason.
     """
 
     date: str = ""
@@ -108,13 +113,13 @@ class MountedCamera:
 
 
 def find_pairs(paths: Sequence[Path]) -> list[ImagePair]:
-    """Pair image files whose names differ in `left` and `right` only.
+    """Pair image files whose names differ only in `left` and `right`.
 
     Args:
         paths: image files, or folders of them.
 
     Raises:
-        InputError: no images, a name without left or right, or an image without its partner.
+        InputError: no images, a name without left or right, or an image without its counterpart.
     """
     files: list[Path] = []
     for path in paths:
@@ -149,15 +154,15 @@ def find_pairs(paths: Sequence[Path]) -> list[ImagePair]:
 def find_boards(
     images: Sequence[Path], board: Board, progress: Progress | None = None
 ) -> list[BoardView | NoBoard]:
-    """Find a board in each image file, two at a time.
+    """Detect a board in each image file.
 
     Args:
-        images: files.
-        board: to look for.
-        progress: called with the number done, the number of all, and the file's name.
+        images: image files.
+        board: the board.
+        progress: called after each file.
 
     Raises:
-        InputError: a file is missing or is no image.
+        InputError: a file is missing or not an image.
     """
 
     def find(path: Path) -> BoardView | NoBoard:
@@ -175,10 +180,10 @@ def find_boards(
 def find_board_pairs(
     pairs: Sequence[ImagePair], board: Board, progress: Progress | None = None
 ) -> tuple[list[PairView], list[str]]:
-    """Find the board in pairs of images; also say which pairs lack it, and why.
+    """Detect the board in image pairs; return the views, and a reason for each other pair.
 
     Raises:
-        InputError: a file is missing or is no image.
+        InputError: a file is missing or not an image.
     """
     found = find_boards(
         [file for pair in pairs for file in (pair.left, pair.right)], board, progress
@@ -195,7 +200,7 @@ def find_board_pairs(
 def read_head_views(
     path: Path, board: Board, progress: Progress | None = None
 ) -> tuple[list[HeadView], list[str]]:
-    """Read looks.yaml and find the board in its images; also say where it is not, and why.
+    """Read looks.yaml and detect the board; return the views, and reasons for missing boards.
 
     Raises:
         InputError: the file or an image is missing or unreadable, or angles are missing.
@@ -226,10 +231,10 @@ def read_head_views(
 def read_gripper_views(
     path: Path, board: Board, progress: Progress | None = None
 ) -> tuple[list[Pose], list[BoardView], list[str]]:
-    """Read poses.yaml: X_WG of each look where the board was found, the board there, the rest.
+    """Read poses.yaml and detect the board; return X_WG and board of each view, and reasons.
 
     Raises:
-        InputError: the file or an image is missing or unreadable, or a pose is no rigid motion.
+        InputError: the file or an image is missing or unreadable, or a pose is not a rigid transform.
     """
     records = load_yaml(path, GripperViews).looks
     if not records:
@@ -242,10 +247,10 @@ def read_gripper_views(
 
 
 def load_stereo(path: str | Path) -> StereoCalibration:
-    """Read a stereo calibration.
+    """Load a stereo calibration.
 
     Raises:
-        InputError: missing, unknown keys, or absurd; the message names the file.
+        InputError: missing file, unknown key or unusable value; the message names the file.
     """
     if not Path(path).is_file():
         raise InputError(f"{path}: no such file; make it with `unwrinkle calibrate stereo`")
@@ -253,10 +258,10 @@ def load_stereo(path: str | Path) -> StereoCalibration:
 
 
 def save_record(path: str | Path, record: StereoCalibration | MountedCamera) -> None:
-    """Write a calibration as YAML, whole or not at all.
+    """Write a calibration as YAML, atomically.
 
     Raises:
-        InputError: it cannot be written there.
+        InputError: the file cannot be written.
     """
     text = yaml.safe_dump(
         dataclasses.asdict(record), sort_keys=False, width=100, default_flow_style=None

@@ -1,9 +1,9 @@
-"""Where the cameras are on their pan-tilt units, and one unit from the other (hand-eye).
+"""Hand-eye calibration of the stereo head: camera mounts and relative pose of the pan-tilt units.
 
-The head looks at a board that stays in place from many gazes. Each eye alone gives its camera on
-its mount (Tsai-Lenz, cross-checked); then one minimisation of the reprojection error over both
-cameras' intrinsics, both mounts, the right unit's base in the left one's, and all boards, with the
-units' kinematics as known. The views of the stereo calibration take part in it.
+The head observes a fixed board from many gazes. For each eye, hand-eye calibration gives the camera
+on its mount (Tsai-Lenz, cross-checked). Then a bundle adjustment over both cameras' intrinsics, both
+mounts, the right unit's base in the left one's frame, and all board poses minimises the reprojection
+error, with the units' kinematics given. The views of the stereo calibration are included.
 """
 
 import dataclasses
@@ -39,10 +39,18 @@ from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.stereo.head import Gaze, PanTiltUnit
 from unwrinkle.perception.stereo.head_file import VALID_DAYS, HeadCalibration
 
+#: Largest motion of the turn-table between views, radians.
 _SAME_TURNTABLE = 1e-4
-_OUTLYING_JOINT = 9.0  # times the median look's error
-_LEAST_JOINT_ERROR = 2e-4  # radians: no look below this is an outlier
+
+#: Joint error of an outlying view, multiples of the median view's.
+_OUTLYING_JOINT = 9.0
+
+#: Least joint error of an outlying view, radians.
+_LEAST_JOINT_ERROR = 2e-4
+
 _EYES = ("left", "right")
+
+#: Largest standard deviation of a mount, radians and metres.
 _MOST_MOUNT_TURN = np.radians(0.05)
 _MOST_MOUNT_SHIFT = 0.002
 
@@ -51,13 +59,13 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class HeadView:
-    """A board seen at known angles of the head.
+    """Calibration board observed at known head angles.
 
     Attributes:
         name: for messages.
-        gaze: the angles.
-        left, right: the board in the images; None where it was not found.
-        place: which place the board was at; it may be moved between groups of looks.
+        gaze: the head angles.
+        left, right: the board in the images; None if not detected.
+        place: label of the board's place; it may be moved between groups of views.
     """
 
     name: str
@@ -67,23 +75,22 @@ class HeadView:
     place: str = ""
 
     def view(self, eye: int) -> BoardView | None:
-        """The board in the image of eye 0 (left) or 1 (right)."""
+        """Return the board in the image of eye 0 (left) or 1 (right), or None."""
         return (self.left, self.right)[eye]
 
 
 @dataclass(frozen=True, eq=False)
 class HeadFit:
-    """A head's calibration with what its file has no room for.
+    """Head calibration with the details that its file does not store.
 
     Attributes:
-        calibration: what to keep.
-        adjustment: the joint minimisation.
-        hand_eyes: of the left and the right eye, before it.
-        rejected: the looks left out, with the reason.
-        names: of the looks and stereo views of the shots, in the order of the adjustment's
-            residuals.
-        eyes: of the shots, 0 left, 1 right.
-        corners: (n, 2) seen in each shot.
+        calibration: the record to store.
+        adjustment: the bundle adjustment.
+        hand_eyes: hand-eye solutions of the left and the right eye before it.
+        rejected: rejected views, with the reason.
+        names: names of the observations' views, in the order of the adjustment's residuals.
+        eyes: eye of each observation, 0 left, 1 right.
+        corners: (n, 2) corners of each observation, pixels.
     """
 
     calibration: HeadCalibration
@@ -103,20 +110,20 @@ def calibrate_head(
     joint_noise: float | None = None,
     date: datetime.date | None = None,
 ) -> HeadFit:
-    """Find the cameras on their mounts and the right unit's place beside the left one.
+    """Estimate the cameras on their mounts and the right unit's base relative to the left one.
 
     Args:
-        looks: at least 8 for each eye, panned and tilted by several angles.
+        looks: at least 8 head views for each eye, at several pan and tilt angles.
         stereo: calibration of the same two cameras.
-        nominal: the head's name, its units' kinematics, and the place of the left unit, which
-            views of a board alone cannot tell.
-        joint_noise: standard deviation of the units' angles (their repeatability), radians; 0
-            takes them as exact, None finds it from the looks.
-        date: of the calibration; None takes today.
+        nominal: gives the head's name, its units' kinematics, and the pose of the left unit, which
+            views of a board cannot determine.
+        joint_noise: standard deviation of the units' angles (repeatability), radians; 0 for exact
+            angles, None estimates it from the views.
+        date: of the calibration; None for today.
 
     Raises:
-        InputError: too few looks, too little turn about an axis, methods that disagree, too many
-            looks that do not fit, a residual over 1 px, or mounts that the looks leave open.
+        InputError: too few views, too little rotation about an axis, methods that disagree, too
+            many rejected views, a residual above 1 px, or mounts that are poorly determined.
     """
     head = nominal.stereo_head()
     units = (head.left.unit, head.right.unit)
@@ -164,7 +171,7 @@ def calibrate_head(
 
 @dataclass(frozen=True, eq=False)
 class _Eye:
-    """One eye's usable looks, with poses of mount and board, and its own solution."""
+    """Usable views of one eye, with poses of mount and board, and its hand-eye solution."""
 
     looks: list[HeadView]
     X_BM: list[Pose]
@@ -218,7 +225,7 @@ def _one_eye(
 
 
 def _worst(fit: Adjustment, ours: NDArray[np.bool_]) -> tuple[int | None, str]:
-    """The look's shot that fits worst, if far worse than most, and how it does not fit."""
+    """Return the index of the worst outlying head view's observation and the reason, or None."""
     numbers = np.flatnonzero(ours)
     joints = np.abs(fit.joint_errors).max(axis=1)[numbers]
     usual = float(np.median(joints))
@@ -238,10 +245,10 @@ def _worst(fit: Adjustment, ours: NDArray[np.bool_]) -> tuple[int | None, str]:
 def _problem(
     eyes: tuple[_Eye, ...], cameras: tuple[Camera, Camera], stereo: StereoCalibration
 ) -> tuple[list[tuple[str | None, BoardObservation]], Rig]:
-    """Shots, each with its look's name (None in the stereo calibration), and where to start.
+    """Build the observations, with the names of their head views, and the initial rig.
 
-    Bases: the left unit, the right unit, and a stand-in for the unknown gaze that the right camera
-    had in the stereo calibration's views.
+    The name is None for views of the stereo calibration. Bases: the left unit, the right unit, and
+    a substitute for the unknown gaze of the right camera in the stereo calibration's views.
     """
     mounts = tuple(eye.solution.X_MC for eye in eyes)
     seen = [
@@ -323,7 +330,7 @@ def _calibration(
 
 
 def _row_residual(fit: Adjustment, shots: list[tuple[str | None, BoardObservation]]) -> float:
-    """RMS row error of the looks, each rectified by what the angles say of the pair."""
+    """Return the RMS row error, pixels, of the head views, each rectified by its head angles."""
     by_stop: dict[int, dict[int, BoardObservation]] = {}
     for look, shot in shots:
         if look is not None:
@@ -347,10 +354,10 @@ def _check_count(count: int, eye: int, rejected: list[str]) -> None:
 
 
 def _check_angles(angles: NDArray[np.float64], name: str) -> None:
-    """Refuse looks that turn about one axis only, or about both at once.
+    """Check that both pan and tilt vary enough.
 
     Raises:
-        InputError: the message names the axis and by how much it was turned.
+        InputError: an axis varies too little; the message names it.
     """
     for axis, values in zip(("pan", "tilt"), angles.T, strict=True):
         spread = float(np.ptp(values))

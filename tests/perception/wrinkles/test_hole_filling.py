@@ -1,4 +1,4 @@
-"""Holes in a surface that are fill_holes, and those that are not."""
+"""Hole filling: which holes of a surface are filled and which stay open."""
 
 import numpy as np
 import pytest
