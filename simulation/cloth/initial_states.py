@@ -1,4 +1,4 @@
-"""Wrinkled starting states of a simulated garment, each from a seed or from its dimensions."""
+"""Initial states of a simulated garment: flat, with a ridge, bunched, pinched or dropped."""
 
 import dataclasses as dc
 from typing import Any
@@ -16,9 +16,14 @@ from unwrinkle.simulation.cloth.state import ClothState
 STARTS = ("bunched", "ridge", "pinched", "dropped", "flat")
 Centre = tuple[float, float]
 
-_SETTLING = 5e-3  # m/s: between one push and the next
-_MOST_TRIES = 20  # pushes drawn anew because they would leave the cloth's middle part, or jam it
-_JAMMED = 0.015  # overstretch that is left where cloth is locked in its own folds
+#: Rest speed between one push and the next, m/s.
+_SETTLING = 5e-3
+
+#: Limit of attempts at a push.
+_MOST_TRIES = 20
+
+#: Overstretch above which cloth counts as locked in its own folds.
+_JAMMED = 0.015
 
 
 def ridge(
@@ -29,21 +34,21 @@ def ridge(
     base: float = 0.045,
     offset: float = 0.0,
 ) -> ClothState:
-    """Return the cloth with one straight ridge right across it, settled.
+    """Return the settled cloth with one straight ridge across it.
 
-    The cloth is laid over a raised cosine as long, along the cloth, as base and slack together:
-    nothing is stretched. Its bendings have no memory of it.
+    The cloth is laid over a raised cosine of arc length base + slack, without stretch and without
+    plastic bending.
 
     Args:
         cloth: the cloth.
-        centre: world x, y of the flat garment's middle, m.
-        direction: angle of the way across the ridge, in which to pull it out, from the world's x, rad.
-        slack: how much cloth the ridge takes up, m.
+        centre: world x, y of the flat garment's centre, m.
+        direction: angle from world x of the direction across the ridge, in which to pull, rad.
+        slack: excess length of cloth in the ridge, m.
         base: width of the ridge before it settles, m.
-        offset: of the ridge from the garment's middle, across it, m.
+        offset: distance of the ridge from the garment's centre, m.
 
     Raises:
-        InputError: bad dimensions, or the ridge is not on the cloth.
+        InputError: a dimension is out of range, or the ridge is not on the cloth.
     """
     values = (direction, slack, base, offset)
     if not np.isfinite(values).all() or slack <= 0.0 or base <= 0.0 or slack > 2.0 * base:
@@ -74,12 +79,12 @@ def ridge(
 def bunched(cloth: Cloth, centre: Centre, seed: int, pinches: int = 5) -> ClothState:
     """Return the cloth after two fingers pushed it together at `pinches` random places.
 
-    It lies nearly as wide as flat, with two to four wrinkles that cross, 20-30 mm high on a towel. A push that jams the
-    cloth in its own folds is taken back and another one drawn: contact of the cloth with itself knows vertices and
-    triangles, not edges, and such knots do not open again as a towel's would.
+    It is nearly as wide as flat, with two to four crossing wrinkles, 20 to 30 mm high on a towel. A
+    push that locks the cloth in its own folds is undone and redrawn: self-contact is between vertices
+    and triangles without edges, so that such knots do not open as those of a towel do.
 
     Raises:
-        InputError: bad centre, seed or number.
+        InputError: bad centre, seed or number of pinches.
         ClothError: the solver failed.
     """
     rng, state = _begin(cloth, centre, seed, pinches)
@@ -91,7 +96,7 @@ def bunched(cloth: Cloth, centre: Centre, seed: int, pinches: int = 5) -> ClothS
             angle, apart = rng.uniform(0.0, np.pi), rng.uniform(0.08, 0.14)
             closing = rng.uniform(0.025, 0.05)
             e = np.array([np.cos(angle), np.sin(angle)])
-            # The fingers come down where the cloth is, higher parts first.
+            # Fingertips touch the cloth; higher points are preferred.
             points = [_under(cloth, state, middle + sign * 0.5 * apart * e) for sign in (1, -1)]
             if any(point is None for point in points):
                 continue
@@ -106,7 +111,7 @@ def bunched(cloth: Cloth, centre: Centre, seed: int, pinches: int = 5) -> ClothS
 def _pushed_together(
     cloth: Cloth, state: ClothState, points: list[Any], push: NDArray[np.float64]
 ) -> ClothState:
-    """The cloth after two fingers at points (3,), m, moved by -push and +push (3,), m, and let go."""
+    """Return the cloth after two fingers at points (3,), m, moved by -push and +push (3,), m."""
     for hand, point in enumerate(points):
         state = take(cloth, state, hand, point)
     up = np.array([0.0, 0.0, 0.004])
@@ -117,10 +122,10 @@ def _pushed_together(
 
 
 def pinched(cloth: Cloth, centre: Centre, seed: int, pinches: int = 5) -> ClothState:
-    """Return the cloth after it was lifted and dragged inwards at `pinches` random points: folds.
+    """Return the folded cloth after it was lifted and dragged inwards at `pinches` random points.
 
     Raises:
-        InputError: bad centre, seed or number.
+        InputError: bad centre, seed or number of pinches.
         ClothError: the solver failed.
     """
     rng, state = _begin(cloth, centre, seed, pinches)
@@ -140,7 +145,7 @@ def pinched(cloth: Cloth, centre: Centre, seed: int, pinches: int = 5) -> ClothS
 
 
 def dropped(cloth: Cloth, centre: Centre, seed: int, height: float = 0.22) -> ClothState:
-    """Return the cloth after it was lifted at a random point and dropped from a quarter as high.
+    """Return the cloth after it was lifted at a random point and dropped from a quarter of the height.
 
     Raises:
         InputError: bad centre, seed or height (m; 0.05 to 0.5).
@@ -160,9 +165,9 @@ def dropped(cloth: Cloth, centre: Centre, seed: int, height: float = 0.22) -> Cl
 
 
 def start_state(cloth: Cloth, name: str, centre: Centre, seed: int) -> ClothState:
-    """Return the starting state called `name`, settled; the time begins at 0.
+    """Return a settled initial state by its name, at time 0.
 
-    A ridge's direction, slack and place are drawn from the seed too.
+    The direction, slack and offset of a ridge are drawn from the seed.
 
     Raises:
         InputError: unknown name, bad centre or seed.
@@ -200,7 +205,7 @@ def _begin(
 def _under(
     cloth: Cloth, state: ClothState, offset: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
-    """Return the cloth's point under a finger at `offset` (2,) from its middle; None if there is none."""
+    """Return the cloth's point (3,), m, under a finger at an offset (2,) from its centre, or None."""
     vertices = cloth.vertices(state)
     place = vertices[:, :2].mean(axis=0) + offset
     distance = np.hypot(*(vertices[:, :2] - place).T) - 0.2 * (vertices[:, 2] - cloth.flat_height)
@@ -211,7 +216,10 @@ def _under(
 def _raised_cosine(
     slack: float, base: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return (s, x, z) of z = A/2 (1 + cos(2 pi x / base)) as long as base + slack; s is 0 at its top."""
+    """Return (s, x, z), m, of z = A/2 (1 + cos(2 pi x / base)) of arc length base + slack.
+
+    s is the arc length from the top.
+    """
     x = np.linspace(-0.5 * base, 0.5 * base, 4001)
     shape = 0.5 * (1.0 + np.cos(2.0 * np.pi * x / base))
 

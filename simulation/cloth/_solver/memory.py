@@ -1,4 +1,4 @@
-"""A cloth's state in the kernels' memory: written there, advanced, and read back."""
+"""Buffers of the cloth solver: write a state, run substeps, read it back."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +10,13 @@ from unwrinkle.simulation.cloth._solver.step import substeps
 from unwrinkle.simulation.cloth.layout import get, put
 from unwrinkle.simulation.cloth.state import ClothError, ClothState, Support
 
-MOST_SPEED = 5.0  # m/s, of a node: contacts that part in one substep would throw it
-_MOST_STRETCH = 3.0  # times its rest length: beyond it the solver has failed
+#: Limit of a node's speed, m/s: contacts resolved within one substep would eject it.
+MOST_SPEED = 5.0
+
+#: Length of a spring, multiples of its rest length, beyond which the solver has failed.
+_MOST_STRETCH = 3.0
+
+#: Capacity of the list of contact pairs per node.
 _PAIRS_PER_NODE = 60
 _POSITIONS = ("x", "y", "z")
 _VELOCITIES = ("vx", "vy", "vz")
@@ -19,7 +24,7 @@ _CURVATURES = ("rest", "rest_rising", "rest_falling")
 
 
 class ClothMemory:
-    """Scratch memory of one cloth; between two calls of its owner it holds nothing of worth."""
+    """Solver buffers of one cloth; their contents are valid between `write` and `read` only."""
 
     def __init__(
         self,
@@ -31,7 +36,7 @@ class ClothMemory:
         gravity: tuple[float, float, float],
         step: float,
     ) -> None:
-        """Keep the constants and make the scratch arrays."""
+        """Compute the constants and allocate the buffers."""
         self._arrays, self._mask, self._spacing, self._step = arrays, mask, spacing, step
         self._rows, self._turned = arrays.rows.copy(), arrays.turned.copy()
         most = _PAIRS_PER_NODE * len(arrays.places)
@@ -40,7 +45,9 @@ class ClothMemory:
         half, h, thickness = 0.5 * material.thickness, spacing, material.thickness
         x, y = (float(value) for value in support.centre)
         half_x, half_y = (0.5 * float(value) for value in support.size)
-        edge = min(h, half_x, half_y)  # one spacing: some node is always on the rounding
+        edge = min(
+            h, half_x, half_y
+        )  # one spacing, so that some node is always on the rounded edge
         self._table = (x, y, half_x, half_y, support.height + half, half, edge)
         slip = material.yield_curvature * h * h
         self._bends = (slip, 2.0 * slip, material.plastic_bending / material.first_bending)
@@ -55,7 +62,7 @@ class ClothMemory:
         self._damping = (material.air_drag, material.viscosity * step / h**2, MOST_SPEED)
 
     def write(self, state: ClothState, held: NDArray[np.intp]) -> None:
-        """Put `state` in, with the nodes numbered `held` moved by hands alone."""
+        """Write a state; the nodes numbered `held` get infinite mass."""
         shape = self._mask.shape
         for names, values in (
             (_POSITIONS, state.positions),
@@ -71,10 +78,10 @@ class ClothMemory:
         self._held = places_of(held, shape[1])
 
     def run(self, count: int, begin: NDArray[np.float64], end: NDArray[np.float64]) -> None:
-        """Advance by `count` substeps while the held nodes go from `begin` to `end`, (k, 3), m.
+        """Run `count` substeps while the held nodes move from `begin` to `end`, (k, 3), m.
 
         Raises:
-            ClothError: it touches itself in more places than a cloth can, or it flew apart.
+            ClothError: too many contact pairs, or the positions diverged.
         """
         arrays = self._arrays
         found = substeps(
@@ -108,7 +115,7 @@ class ClothMemory:
             )
 
     def places(self) -> NDArray[np.float64]:
-        """Return a copy of the positions of the nodes that are cloth, (3, n), m."""
+        """Return a copy of the positions (3, n) of the nodes that are cloth, m."""
         return self._planes(_POSITIONS)[:, self._arrays.numbers]
 
     def read(
@@ -117,7 +124,7 @@ class ClothMemory:
         """Return positions (3, S), velocities (3, S) and curvatures (4, S).
 
         Raises:
-            ClothError: they cannot be those of a cloth at `time`.
+            ClothError: a value is not finite, or a yarn is torn; the message states `time`.
         """
         positions, velocities = self._planes(_POSITIONS), self._planes(_VELOCITIES)
         last = get(self._turned, "rest", self._mask.shape[0]).T.ravel()
