@@ -69,19 +69,19 @@ class Centring:
     """Outcome of the closed loop of `centre`.
 
     Attributes:
-        looks: measurement of each pair, in order.
+        measurements: measurement of each pair, in order.
         centred: whether the target is centred in both images of the last pair.
         reason: why it is not; empty if it is.
     """
 
-    looks: tuple[GazeMeasurement, ...]
+    measurements: tuple[GazeMeasurement, ...]
     centred: bool
     reason: str = ""
 
     @property
     def gaze(self) -> Gaze:
         """Gaze of the last pair."""
-        return self.looks[-1].gaze
+        return self.measurements[-1].gaze
 
 
 #: Function that moves the units to a gaze and takes a pair: left and right image, reported gaze.
@@ -231,7 +231,7 @@ def centre(
     *,
     height: float,
     tolerance: float = TOLERANCE,
-    most_looks: int = 6,
+    max_measurements: int = 6,
 ) -> Centring:
     """Take pairs and move the units until the target is centred in both eyes.
 
@@ -242,31 +242,31 @@ def centre(
         take: function that moves the units and takes a pair.
         height: world z of the observed surface, metres.
         tolerance: largest angle between optical axis and target, radians.
-        most_looks: limit of the number of pairs.
+        max_measurements: limit of the number of pairs.
 
     Raises:
         InputError: the start is beyond the limits, the size of an image differs from its camera's,
-            or `most_looks` is below 1.
+            or `max_measurements` is below 1.
     """
-    if most_looks < 1:
-        raise InputError(f"gaze: most_looks is {most_looks}; at least one look is needed")
-    looks: list[GazeMeasurement] = []
+    if max_measurements < 1:
+        raise InputError(f"gaze: max_measurements is {max_measurements}; at least one look is needed")
+    measurements: list[GazeMeasurement] = []
     wanted = quantised(head, start)
-    while len(looks) < most_looks:
+    while len(measurements) < max_measurements:
         left, right, gaze = take(wanted)
         now = measure_gaze(head, target, left, right, gaze, height=height, tolerance=tolerance)
-        looks.append(now)
-        logger.debug("look %d: %.1f, %.1f mdeg off", len(looks), *_millidegrees(now))
+        measurements.append(now)
+        logger.debug("look %d: %.1f, %.1f mdeg off", len(measurements), *_millidegrees(now))
         if now.centred:
-            return Centring(tuple(looks), True)
+            return Centring(tuple(measurements), True)
         if now.next is None:
-            return Centring(tuple(looks), False, now.reason)
+            return Centring(tuple(measurements), False, now.reason)
         wanted = now.next
-    last_left, last_right = _millidegrees(looks[-1])
+    last_left, last_right = _millidegrees(measurements[-1])
     return Centring(
-        tuple(looks),
+        tuple(measurements),
         False,
-        f"after {most_looks} looks still {last_left:.1f} (left) and {last_right:.1f} (right) "
+        f"after {max_measurements} measurements still {last_left:.1f} (left) and {last_right:.1f} (right) "
         f"millidegrees off, or not measured sharply; wanted {1e3 * degrees(tolerance):.1f}",
     )
 

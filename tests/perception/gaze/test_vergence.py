@@ -196,10 +196,10 @@ def test_the_target_is_centred_in_three_looks(
 ) -> None:
     outcome = world.begin(moved(GOOD, *offsets), target)
     assert outcome.centred, outcome.reason
-    assert len(outcome.looks) <= 3
+    assert len(outcome.measurements) <= 3
     assert max(world.off[0]) > 10 * TOLERANCE
     assert max(world.off[-1]) < TOLERANCE
-    last = outcome.looks[-1]
+    last = outcome.measurements[-1]
     for measured, true in zip((last.left_offset, last.right_offset), world.off[-1], strict=True):
         assert degrees(abs(measured - true)) < 0.007
     assert quantised(HEAD, outcome.gaze) == outcome.gaze
@@ -215,7 +215,7 @@ def test_a_poor_calibration_costs_a_look_and_no_accuracy(world: World, target: T
     world.off = []
     outcome = centre(poor, target, start, world.take, height=TABLE)
     assert outcome.centred, outcome.reason
-    assert len(outcome.looks) <= 4
+    assert len(outcome.measurements) <= 4
     assert max(world.off[-1]) < TOLERANCE
 
 
@@ -225,10 +225,10 @@ def test_an_eye_that_does_not_see_the_target_is_sent_there(
 ) -> None:
     offsets = (45, 0, 3, 2) if blind == "left" else (3, 2, -45, 0)
     outcome = world.begin(moved(GOOD, *offsets), target)
-    assert isinstance(getattr(outcome.looks[0], blind), NotSeen)
-    assert getattr(outcome.looks[0], f"{blind}_offset") == float("inf")
+    assert isinstance(getattr(outcome.measurements[0], blind), NotSeen)
+    assert getattr(outcome.measurements[0], f"{blind}_offset") == float("inf")
     assert outcome.centred, outcome.reason
-    assert len(outcome.looks) <= 3
+    assert len(outcome.measurements) <= 3
     assert max(world.off[-1]) < TOLERANCE
 
 
@@ -246,8 +246,8 @@ def test_a_target_that_is_nowhere_is_a_result(world: World, target: Template) ->
     outcome = world.begin(moved(GOOD, 45.0, 0.0, 45.0, 0.0), target)
     assert not outcome.centred
     assert "in neither eye: target: too few of its" in outcome.reason
-    assert len(outcome.looks) == 1
-    assert outcome.looks[0].next is None
+    assert len(outcome.measurements) == 1
+    assert outcome.measurements[0].next is None
     other = World(seed=7).picture(0, HEAD.poses(GOOD)[0])
     stranger = template(view(other), "stranger", box=(240, 140, 380, 260))
     assert "stranger" in world.begin(GOOD, stranger).reason
@@ -264,12 +264,12 @@ def test_a_unit_that_cannot_look_there_says_so(world: World, target: Template) -
 
 
 def test_it_gives_up_after_so_many_looks(world: World, target: Template) -> None:
-    outcome = world.begin(moved(GOOD, 5.0, 2.0, 4.0, 2.0), target, most_looks=1)
+    outcome = world.begin(moved(GOOD, 5.0, 2.0, 4.0, 2.0), target, max_measurements=1)
     assert not outcome.centred
-    assert len(outcome.looks) == 1
+    assert len(outcome.measurements) == 1
     assert "after 1 looks still 5" in outcome.reason
     with pytest.raises(InputError, match="at least one look"):
-        world.begin(GOOD, target, most_looks=0)
+        world.begin(GOOD, target, max_measurements=0)
 
 
 def test_a_black_eye_is_a_result(world: World, target: Template) -> None:
