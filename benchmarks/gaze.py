@@ -96,7 +96,12 @@ def _start(
     cell.begin(aim)
     vergence = case == "vergence"
     outcome = centre(
-        head, None if vergence else target, start, cell.take, height=cell.surface, max_measurements=5
+        head,
+        None if vergence else target,
+        start,
+        cell.take,
+        height=cell.surface,
+        max_measurements=5,
     )
     cell.stop_clock()
     left, right = cell.offsets[-1]
@@ -114,7 +119,9 @@ def _start(
         "left_error": left,
         "right_error": right,
         "vergence_error": verged,
-        "converged": bool(outcome.centred and error <= TOLERANCE and len(outcome.measurements) <= _LOOKS),
+        "converged": bool(
+            outcome.centred and error <= TOLERANCE and len(outcome.measurements) <= _LOOKS
+        ),
         "correlation": _correlations(outcome),
         "times": cell.times,
     }

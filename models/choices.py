@@ -11,7 +11,7 @@ from unwrinkle.models.errors import InputError
 
 
 class Choice(StrEnum):
-    """Base of the enums: `Enum(text)` raises InputError, with the known values, for another text."""
+    """Base of the enums; `Enum(text)` raises InputError for unknown text and lists the known."""
 
     @classmethod
     def _missing_(cls, value: object) -> None:

@@ -135,7 +135,8 @@ def view(image: NDArray[np.uint8], *, factor: int | None = None, most: int | Non
         factor = max(1, round(width / _WORK_WIDTH))
     if factor < 1 or min(height, width) < 16 * factor:
         raise InputError(
-            f"image of {width} x {height} pixels cannot be reduced by {factor}: 16 x 16 must be left"
+            f"image of {width} x {height} pixels cannot be reduced by {factor}: 16 x 16 must be "
+            "left"
         )
     grey = image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
     rows, columns = height // factor, width // factor

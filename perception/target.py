@@ -64,7 +64,8 @@ class HandTarget:
         """Check and freeze the fields.
 
         Raises:
-            InputError: a value is not finite, a direction not a unit vector, or a distance negative.
+            InputError: a value is not finite, a direction not a unit vector, or a distance
+                negative.
         """
         object.__setattr__(self, "p_WG", _frozen_vector(self.p_WG, 3, "p_WG"))
         for name in ("grasp_direction", "pull_direction"):

@@ -139,7 +139,7 @@ class BundleProblem:
         return moved(shot.X_BM, joints[slots[: len(shot.axes)] - self.joint_start] @ shot.axes)
 
     def misses(self, rig: Rig, joints: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return seen minus predicted corners (points, 2), pixels; infinite if a point is behind."""
+        """Return seen minus predicted corners (points, 2), pixels; infinite for points behind."""
         p_C = self._chain((rig, joints))[0]
         if p_C[:, 2].min() <= 0.0:
             return np.full(self.seen.shape, np.inf)

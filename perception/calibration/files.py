@@ -234,7 +234,8 @@ def read_gripper_views(
     """Read poses.yaml and detect the board; return X_WG and board of each view, and reasons.
 
     Raises:
-        InputError: the file or an image is missing or unreadable, or a pose is not a rigid transform.
+        InputError: the file or an image is missing or unreadable, or a pose is not a rigid
+            transform.
     """
     records = load_yaml(path, GripperViews).looks
     if not records:

@@ -86,9 +86,9 @@ def solve_hand_eye(
     if spread[1] < LEAST_TURN:
         first, second = (np.round(axis, 2) + 0.0 for axis in axes[:2])
         raise InputError(
-            f"{name}: the mount turns by {np.degrees(spread[0]):.1f} degrees about its axis {first} "
-            f"but by only {np.degrees(spread[1]):.1f} about a second one, {second}; wanted at "
-            f"least {np.degrees(LEAST_TURN):.0f} about both, add looks turned about that axis"
+            f"{name}: the mount turns by {np.degrees(spread[0]):.1f} degrees about its axis "
+            f"{first} but by only {np.degrees(spread[1]):.1f} about a second one, {second}; wanted "
+            f"at least {np.degrees(LEAST_TURN):.0f} about both, add looks turned about that axis"
         )
     X_MC = tsai_lenz(X_BM, X_CT)
     others = [_by_opencv(X_BM, X_CT, method) for method in _CROSS_CHECKS.values()]
@@ -101,8 +101,8 @@ def solve_hand_eye(
         )
         raise InputError(
             f"{name}: methods disagree with Tsai's ({apart}; at most "
-            f"{np.degrees(_MOST_TURN_APART):.1f} degrees and {1e3 * _MOST_SHIFT_APART:.0f} mm); the "
-            "angles or poses may not belong to the images, or turn the mount more"
+            f"{np.degrees(_MOST_TURN_APART):.1f} degrees and {1e3 * _MOST_SHIFT_APART:.0f} mm); "
+            "the angles or poses may not belong to the images, or turn the mount more"
         )
     boards = [M @ X_MC @ T for M, T in zip(X_BM, X_CT, strict=True)]
     X_BT = mean_pose(boards)
@@ -118,7 +118,7 @@ def solve_hand_eye(
 
 
 def tsai_lenz(X_BM: Sequence[Pose], X_CT: Sequence[Pose]) -> Pose:
-    """Compute X_MC (4, 4) by the method of R. Y. Tsai and R. K. Lenz (1989) over all pairs of views.
+    """Compute X_MC (4, 4) by R. Y. Tsai and R. K. Lenz (1989) over all pairs of views.
 
     Rotation: with P = 2 sin(angle / 2) axis of A and of B, solve (P_A + P_B) x P' = P_B - P_A
     (their Eq. 12), P = 2 P' / sqrt(1 + |P'|^2) (Eq. 14); then (R_A - I) p = R_X p_B - p_A (Eq. 15).

@@ -1,9 +1,10 @@
 """Hand-eye calibration of the stereo head: camera mounts and relative pose of the pan-tilt units.
 
 The head observes a fixed board from many gazes. For each eye, hand-eye calibration gives the camera
-on its mount (Tsai-Lenz, cross-checked). Then a bundle adjustment over both cameras' intrinsics, both
-mounts, the right unit's base in the left one's frame, and all board poses minimises the reprojection
-error, with the units' kinematics given. The views of the stereo calibration are included.
+on its mount (Tsai-Lenz, cross-checked). Then a bundle adjustment over both cameras' intrinsics,
+both mounts, the right unit's base in the left one's frame, and all board poses minimises the
+reprojection error, with the units' kinematics given. The views of the stereo calibration are
+included.
 """
 
 import dataclasses

@@ -1,8 +1,8 @@
 """Kinematic model that all calibrations share: cameras on mounts on bases, and boards.
 
 Frames: A common frame, B base of a mechanism, M its mount (X_BM known), C camera, T board. A corner
-p_T is seen at project(X_CT p_T), X_CT = inverse(X_AB X_BM X_MC) X_AT. The model covers a stereo pair,
-cameras on pan-tilt units, and a gripper camera.
+p_T is seen at project(X_CT p_T), X_CT = inverse(X_AB X_BM X_MC) X_AT. The model covers a stereo
+pair, cameras on pan-tilt units, and a gripper camera.
 """
 
 import dataclasses
@@ -44,7 +44,8 @@ class BoardObservation:
         view: the corners.
         eye, base, board: indices into the rig's cameras and mounts, bases, and boards.
         X_BM: (4, 4) pose of the mount when the image was taken.
-        axes: (k, 6) twist of the mount, in its own frame, per radian of each joint with angle noise.
+        axes: (k, 6) twist of the mount, in its own frame, per radian of each joint with angle
+            noise.
         stop: index of the joint configuration; observations of one eye and stop share the joints'
             errors.
     """

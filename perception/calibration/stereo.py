@@ -225,8 +225,8 @@ def calibrate_camera(views: list[BoardView], name: str) -> Camera:
     """Estimate the intrinsics of one camera, with k1 and k2, by Zhang's method and adjustment.
 
     Raises:
-        InputError: fewer than 8 views, images of different sizes, a residual above 1 px, or a poorly
-            determined focal length.
+        InputError: fewer than 8 views, images of different sizes, a residual above 1 px, or a
+            poorly determined focal length.
     """
     check_sizes(views, name)
     check_count(len(views), [])

@@ -73,8 +73,8 @@ def range_map_from_capture(
 ) -> RangeMap:
     """Compute the range map of a capture: fit the table, segment the garment, grid the heights.
 
-    If the camera's pose is unknown, the garment's centre of area is placed at `centre` on a table of
-    `table_height`, with the image's upper edge away from the robot (towards -y).
+    If the camera's pose is unknown, the garment's centre of area is placed at `centre` on a table
+    of `table_height`, with the image's upper edge away from the robot (towards -y).
 
     Args:
         capture: depth image with its camera.

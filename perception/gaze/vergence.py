@@ -120,7 +120,7 @@ def surface_point(
 def crossing(
     head: StereoHead, poses: tuple[Pose, Pose], left: Points, right: Points
 ) -> tuple[NDArray[np.float64], float] | None:
-    """Return the midpoint (3,) of the closest approach of both eyes' rays, and their distance, metres.
+    """Return the midpoint (3,) of both rays' closest approach, and their distance, metres.
 
     None if the closest approach is behind the head or the rays are parallel.
     """
@@ -190,7 +190,8 @@ def measure_gaze(
         tolerance: of `centred`, radians.
 
     Raises:
-        InputError: the size of an image differs from its camera's, or the gaze is beyond the limits.
+        InputError: the size of an image differs from its camera's, or the gaze is beyond the
+            limits.
     """
     for eye, image in ((head.left, left), (head.right, right)):
         if image.shape[:2] != (eye.camera.height, eye.camera.width):
@@ -249,7 +250,7 @@ def centre(
             or `max_measurements` is below 1.
     """
     if max_measurements < 1:
-        raise InputError(f"gaze: max_measurements is {max_measurements}; at least one look is needed")
+        raise InputError(f"gaze: max_measurements is {max_measurements}; at least one is needed")
     measurements: list[GazeMeasurement] = []
     wanted = quantised(head, start)
     while len(measurements) < max_measurements:
@@ -266,8 +267,9 @@ def centre(
     return Centring(
         tuple(measurements),
         False,
-        f"after {max_measurements} measurements still {last_left:.1f} (left) and {last_right:.1f} (right) "
-        f"millidegrees off, or not measured sharply; wanted {1e3 * degrees(tolerance):.1f}",
+        f"after {max_measurements} measurements still {last_left:.1f} (left) and "
+        f"{last_right:.1f} (right) millidegrees off, or not measured sharply; "
+        f"wanted {1e3 * degrees(tolerance):.1f}",
     )
 
 

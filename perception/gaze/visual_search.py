@@ -89,8 +89,8 @@ def search(
     """Detect every instance of the templates in a view, sorted by inliers, most first.
 
     Args:
-        scene: view reduced by about the factor of the templates. Small objects in a large image need
-            a small factor and many features, see `view`.
+        scene: view reduced by about the factor of the templates. Small objects in a large image
+            need a small factor and many features, see `view`.
         templates: several may share a name (views of the same object).
         least: least number of inliers of an instance.
 

@@ -142,7 +142,7 @@ def corrected_rectification(
 def _matches(
     left: NDArray[np.uint8], right: NDArray[np.uint8]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return matching pixels (n, 2) of both images: SIFT, refined by Lucas-Kanade at finer scale."""
+    """Return matching pixels (n, 2) of both images: SIFT, then Lucas-Kanade at finer scale."""
     views = [view(image, most=_MOST_FEATURES) for image in (left, right)]
     pairs = matches(views[0].features, views[1].features)
     p, q = (views[k].features.points[pairs[:, k]] for k in (0, 1))

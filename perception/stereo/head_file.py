@@ -29,7 +29,7 @@ VALID_DAYS = 180
 
 @dataclass(frozen=True)
 class UnitRecord:
-    """Kinematics of the pan-tilt units in a calibration file (metres, radians); see `PanTiltUnit`."""
+    """Kinematics of the pan-tilt units in a calibration file; see `PanTiltUnit`."""
 
     pan_origin: list[float] = field(default_factory=list)
     mount_origin: list[float] = field(default_factory=list)

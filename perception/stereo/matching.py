@@ -1,7 +1,7 @@
 """Dense sub-pixel matching of rectified image pairs, from 0.3 to 16 megapixels.
 
-Semi-global matching of reduced images gives the initial disparity. It is refined, coarse to fine, on
-a grid of square cells (4 x 4 pixels at 16 megapixels): windowed Lucas-Kanade steps converge to a
+Semi-global matching of reduced images gives the initial disparity. It is refined, coarse to fine,
+on a grid of square cells (4 x 4 pixels at 16 megapixels): windowed Lucas-Kanade steps converge to a
 fraction of a pixel, then a thin plate with discontinuities is fitted to the normal equations of all
 pixels, each weighted by the sensor's noise (`_kernels.normal_equations`, `_kernels.plate_fit`).
 """
@@ -93,7 +93,8 @@ def match(
             another method on that method's mask.
 
     Raises:
-        InputError: the shapes differ or are too small, the type is not uint8, or the range is empty.
+        InputError: the shapes differ or are too small, the type is not uint8, or the range is
+            empty.
     """
     left, right = _checked(left, right, lowest, highest)
     noise = noise or ImageNoise()

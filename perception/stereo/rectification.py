@@ -1,8 +1,8 @@
 """Rectification of a pair of toed-in cameras, restricted to a region of interest.
 
-Frames: L and R the cameras, C the rectified left camera (x along the baseline, z perpendicular to it
-and midway between both optical axes). Both rectified images share rows and focal length but not the
-column of the optical axis, which keeps disparities small, of both signs:
+Frames: L and R the cameras, C the rectified left camera (x along the baseline, z perpendicular to
+it and midway between both optical axes). Both rectified images share rows and focal length but not
+the column of the optical axis, which keeps disparities small, of both signs:
 u_left - u_right = f B / Z + (cx_left - cx_right).
 """
 
@@ -117,7 +117,8 @@ class Rectification:
         """Rectify the left colour image bilinearly; return (h, w, 3) uint8.
 
         Raises:
-            InputError: the size of the image differs from the left camera's, or it is not RGB uint8.
+            InputError: the size of the image differs from the left camera's, or it is not RGB
+                uint8.
         """
         left = np.asarray(left)
         if left.ndim != 3 or left.shape[2] != 3:

@@ -57,7 +57,7 @@ class Analysis:
 
     @property
     def halting_measure(self) -> float:
-        """Largest pull distance (Eq. 5, reading `mode`) of any wrinkle, metres; 0 without wrinkles."""
+        """Largest pull distance (Eq. 5, reading `mode`) of a wrinkle, metres; 0 without any."""
         return max((w.pull_distance(self.mode) for w in self.wrinkles), default=0.0)
 
     @property
@@ -139,7 +139,7 @@ class Analysis:
         )
 
     def targets(self) -> list[tuple[int, FlatteningTarget]]:
-        """Return (index, target) of every graspable wrinkle above the halting pull, largest first."""
+        """Return (index, target) of the graspable wrinkles above the halting pull, largest first."""
         found = []
         for index in self.worth_pulling:
             target = self.target_for(index)

@@ -119,7 +119,8 @@ class _Axis:
         self.design = design_matrix(knots, points, degree)
         rough = design_matrix(knots, points, degree, PENALTY_ORDER).astype(np.float64)
         normal = (self.design.T @ self.design).astype(np.float64)
-        # Regularise basis functions with few samples (narrow last spans): keeps the matrix definite.
+        # Regularise basis functions with few samples (narrow last spans): keeps the matrix
+        # definite.
         normal[np.diag_indices_from(normal)] += 1e-6 * float(np.max(np.diag(normal)))
         normal += smoothing ** (2 * PENALTY_ORDER) * (rough.T @ rough)
         band = np.zeros((degree + 1, len(normal)))

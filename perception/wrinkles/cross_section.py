@@ -43,7 +43,7 @@ class CrossSectionSide:
         *,
         fine: bool,
     ) -> None:
-        """Sample the surface from the points of `curve` along `across`, both (samples, 2), in cells.
+        """Sample the surface from `curve` along `across`, both (samples, 2), in cells.
 
         Args:
             curve: points of the ridge line.

@@ -1,9 +1,9 @@
 """Pinch grasps across a ridge: position, direction, width and height.
 
 Sun et al. 2016 (Robot vision architecture for autonomous clothes manipulation, section IV) grasp at
-the highest wrinkledness, with the gripper set across the ridge by a triplet: the ridge point and the
-two contour points (inflections) beside it. Here the triplet is taken from the cross-section of the
-crest next to that point.
+the highest wrinkledness, with the gripper set across the ridge by a triplet: the ridge point and
+the two contour points (inflections) beside it. Here the triplet is taken from the cross-section of
+the crest next to that point.
 """
 
 from __future__ import annotations
@@ -223,7 +223,7 @@ def _candidates(wrinkledness: Wrinkledness) -> list[tuple[float, Vector]]:
 def _section(
     surface: Surface, point: Vector, across: Vector, s: Vector
 ) -> tuple[Vector, NDArray[np.bool_]]:
-    """Return heights (n,), metres, and inside flags at point + s * across, averaged along the ridge."""
+    """Return heights (n,), m, and inside flags at point + s * across, averaged along the ridge."""
     along = np.array([-across[1], across[0]])
     ticks = np.linspace(-0.5 * AVERAGED, 0.5 * AVERAGED, 11)
     places = point + s[:, None, None] * across + ticks[None, :, None] * along

@@ -333,8 +333,9 @@ def _problem(
     seen = _seen_outside(range_map, edge, outward)
     if seen < LEAST_SEEN:
         return (
-            f"what lies outside the garment's contour {place} was not seen (the image's border, or the "
-            f"shadow of a fold): only {seen:.0%} of {OUTSIDE_PROBE} m; move the camera or the garment"
+            f"what lies outside the garment's contour {place} was not seen (the image's border, or "
+            f"the shadow of a fold): only {seen:.0%} of {OUTSIDE_PROBE} m; move the camera or the "
+            "garment"
         )
     angle = math.asin(min(max(float(-inward @ outward), -1.0), 1.0))
     if angle < least_angle:

@@ -2,9 +2,9 @@
 
 Every substep (Macklin 2019, "Small steps in physics simulation") predicts the positions by the
 velocities and then projects each constraint once: shear along the diagonals and yarns in both
-directions, each line of nodes by a direct solver; bending along four directions; self-contact; contact
-with table and floor with exact stiction. The solver runs on one thread without reductions, so that
-results are reproducible bit by bit.
+directions, each line of nodes by a direct solver; bending along four directions; self-contact;
+contact with table and floor with exact stiction. The solver runs on one thread without reductions,
+so that results are reproducible bit by bit.
 """
 
 import dataclasses as dc
@@ -137,7 +137,7 @@ class Cloth:
 
     @property
     def flat_height(self) -> float:
-        """World z of the nodes of a cloth flat on the table, m: half its thickness above the table."""
+        """World z of a flat cloth's nodes, m: half its thickness above the table."""
         return self.support.height + 0.5 * self.material.thickness
 
     @property

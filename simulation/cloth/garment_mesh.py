@@ -161,9 +161,9 @@ def _spacing(rest: Array) -> float:
 def _filling(known: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], Any]]:
     """Return the extrapolation of nodes beyond the outline: targets and sparse weights per layer.
 
-    A node is extrapolated linearly from two known nodes in line with it, as the mean over such lines.
-    Beyond the last layer nodes take the position of their nearest node, which has no effect on the
-    rendered points.
+    A node is extrapolated linearly from two known nodes in line with it, as the mean over such
+    lines. Beyond the last layer nodes take the position of their nearest node, which has no effect
+    on the rendered points.
     """
     layers: list[tuple[NDArray[np.intp], Any]] = []
     known = known.copy()

@@ -53,8 +53,8 @@ def ridge(
     values = (direction, slack, base, offset)
     if not np.isfinite(values).all() or slack <= 0.0 or base <= 0.0 or slack > 2.0 * base:
         raise InputError(
-            f"ridge: direction {direction}, slack {slack}, base {base}, offset {offset}; give finite "
-            "values, slack and base above 0 and slack at most twice the base"
+            f"ridge: direction {direction}, slack {slack}, base {base}, offset {offset}; give "
+            "finite values, slack and base above 0 and slack at most twice the base"
         )
     flat = cloth.flat(centre)
     e = np.array([np.cos(direction), np.sin(direction)])
@@ -80,8 +80,8 @@ def bunched(cloth: Cloth, centre: Centre, seed: int, pinches: int = 5) -> ClothS
     """Return the cloth after two fingers pushed it together at `pinches` random places.
 
     It is nearly as wide as flat, with two to four crossing wrinkles, 20 to 30 mm high on a towel. A
-    push that locks the cloth in its own folds is undone and redrawn: self-contact is between vertices
-    and triangles without edges, so that such knots do not open as those of a towel do.
+    push that locks the cloth in its own folds is undone and redrawn: self-contact is between
+    vertices and triangles without edges, so that such knots do not open as those of a towel do.
 
     Raises:
         InputError: bad centre, seed or number of pinches.
@@ -145,7 +145,7 @@ def pinched(cloth: Cloth, centre: Centre, seed: int, pinches: int = 5) -> ClothS
 
 
 def dropped(cloth: Cloth, centre: Centre, seed: int, height: float = 0.22) -> ClothState:
-    """Return the cloth after it was lifted at a random point and dropped from a quarter of the height.
+    """Return the cloth lifted at a random point, lowered to a quarter of the height and dropped.
 
     Raises:
         InputError: bad centre, seed or height (m; 0.05 to 0.5).
@@ -205,7 +205,7 @@ def _begin(
 def _under(
     cloth: Cloth, state: ClothState, offset: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
-    """Return the cloth's point (3,), m, under a finger at an offset (2,) from its centre, or None."""
+    """Return the cloth's point (3,), m, under a finger at an offset (2,), or None."""
     vertices = cloth.vertices(state)
     place = vertices[:, :2].mean(axis=0) + offset
     distance = np.hypot(*(vertices[:, :2] - place).T) - 0.2 * (vertices[:, 2] - cloth.flat_height)

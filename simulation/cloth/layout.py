@@ -2,8 +2,8 @@
 
 Row r of the array holds the nodes (i = r - 1, j = 0..); channel c begins at column c * STRIDE. The
 offset of a neighbour in any direction is a compile-time constant, so that every loop over j
-vectorises without a check for aliasing. The first and last row and the end of each channel are zero:
-a missing neighbour has no mass and no stiffness.
+vectorises without a check for aliasing. The first and last row and the end of each channel are
+zero: a missing neighbour has no mass and no stiffness.
 """
 
 from collections.abc import Mapping

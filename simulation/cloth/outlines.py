@@ -13,8 +13,8 @@ from unwrinkle.simulation.cloth.layout import MOST_NODES
 #: Least number of nodes along the longer side.
 FEWEST_NODES = 16
 
-# Corners of half an outline (x >= 0), from top to bottom, metres; mirrored at x = 0. Children's sizes:
-# larger garments would hang over the table of 0.8 m.
+# Corners of half an outline (x >= 0), from top to bottom, metres; mirrored at x = 0. Children's
+# sizes: larger garments would hang over the table of 0.8 m.
 _TSHIRT = (
     (0.075, 0.260),  # the neck ends at the shoulder
     (0.180, 0.235),
@@ -66,8 +66,8 @@ class Outline:
         cells = _cells(mask)
         if not cells.any() or (_of_cells(cells) != mask).any():
             raise InputError(
-                f"outline {self.name!r}: {int((_of_cells(cells) != mask).sum())} of its nodes belong "
-                "to no square of four nodes; remove them"
+                f"outline {self.name!r}: {int((_of_cells(cells) != mask).sum())} of its nodes "
+                "belong to no square of four nodes; remove them"
             )
         if ndimage.label(cells)[1] != 1:
             raise InputError(f"outline {self.name!r}: is more than one piece; keep one")
@@ -86,7 +86,7 @@ class Outline:
 
     @property
     def plane(self) -> NDArray[np.float64]:
-        """Positions of all nodes in the garment's plane, centre of the grid at 0, (nx, ny, 2), m."""
+        """Positions (nx, ny, 2) of all nodes in the garment's plane, centred at 0, m."""
         sides = [(np.arange(n) - 0.5 * (n - 1)) * self.spacing for n in self.mask.shape]
         return np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1)
 

@@ -1,13 +1,14 @@
 """Geometric model of a pinch grasp: two blades descend astride a fold, close and lift.
 
-The cloth solver has no rigid blades; a conservative geometric rule decides whether they catch cloth:
+The cloth solver has no rigid blades; a conservative geometric rule decides whether they catch
+cloth:
 
 1. The open blades descend along their axis. Cloth under a tip is pressed flat; the tool stops where
    all layers under a tip lie on the table and on each other.
 2. The cloth between the blades descends with the cloth that the tips press down beside it, by the
    mean of both.
-3. Cloth that remains between the blades, above both tips, by LEAST_DEPTH over at least half of their
-   width is caught. The tips slide over flat cloth; real blades may gather it up.
+3. Cloth that remains between the blades, above both tips, by LEAST_DEPTH over at least half of
+   their width is caught. The tips slide over flat cloth; real blades may gather it up.
 4. The caught cloth moves with the tool in the shape that it had between the open blades. It cannot
    slip; `Lift.weight` is the force that the blades would have to hold by friction.
 """
@@ -104,7 +105,8 @@ def catch(
     X = np.array(checked_pose(X_WT, "pinch"))
     if X[2, 2] > -0.1:
         raise InputError(
-            f"pinch: the blades' axis has z {X[2, 2]:.2f} in the world; give a pose that points down"
+            f"pinch: the blades' axis has z {X[2, 2]:.2f} in the world; give a pose that points "
+            "down"
         )
     if not (np.isfinite(opening) and opening > 0.0):
         raise InputError(f"pinch: opening {opening} m; give one above 0")

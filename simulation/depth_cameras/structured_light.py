@@ -2,7 +2,8 @@
 
 A window of the infrared image is matched with the projected pattern. This causes the errors of such
 cameras: quantisation in disparity, noise correlated over a window, no reading in the projector's
-shadow or where the pattern is too distorted, and edges of the surface that fills most of the window.
+shadow or where the pattern is too distorted, and edges of the surface that fills most of the
+window.
 """
 
 import dataclasses as dc
@@ -43,7 +44,8 @@ class StructuredLightCamera(DepthCameraModel):
         window_noise: standard deviation of the noise correlated over a window, steps.
         blotch_noise, blotch_size: standard deviation, steps, and sigma, pixels, of the
             low-frequency noise.
-        angle_noise: growth of the noise by 1 + angle_noise * t^2 / (pi/2 - t)^2 at incidence angle t.
+        angle_noise: growth of the noise by 1 + angle_noise * t^2 / (pi/2 - t)^2 at incidence angle
+            t.
         edge_noise: standard deviation of an edge's position, pixels.
         bow: bias of the individual sensor, steps: coefficients of u^2, u v and v^2, u, v in -1..1.
         band_width, band_spread: mean width of the vertical bands, pixels, and standard deviation of

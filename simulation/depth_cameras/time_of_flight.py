@@ -27,7 +27,8 @@ class TimeOfFlightCamera(DepthCameraModel):
         oversampling: n for n x n rays per pixel.
         blur: sigma of lens blur and crosstalk, pixels.
         range_noise: standard deviation of the range of a perpendicular surface at 1 m, metres.
-        active_share: fraction of the total light from that surface that is the camera's own, 0 to 1.
+        active_share: fraction of the total light from that surface that is the camera's own, 0 to
+            1.
         least_amplitude: least amplitude of a reading, relative to that surface.
         pixel_offsets: standard deviation of the pixels' fixed offsets, metres.
         unit: seed of the individual sensor's offsets.

@@ -1,8 +1,8 @@
 """Simulated photographs from ideal images: lens distortion, blur, vignetting and sensor noise.
 
-Distortion and blur are one sum: each pixel is a Gaussian mean of the ideal image around the position
-of its ray. A Gaussian of 0.4 pixels or more is itself a good interpolator, so that no further blur
-occurs, and positions are exact (cv2.remap rounds them to 1/32 pixel).
+Distortion and blur are one sum: each pixel is a Gaussian mean of the ideal image around the
+position of its ray. A Gaussian of 0.4 pixels or more is itself a good interpolator, so that no
+further blur occurs, and positions are exact (cv2.remap rounds them to 1/32 pixel).
 """
 
 import dataclasses as dc

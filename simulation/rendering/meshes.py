@@ -38,8 +38,8 @@ class TexturedMesh:
         X_WM: (4, 4) pose in the world.
 
     Raises:
-        InputError: shapes disagree, a number is not finite or beyond 9.9 m, or a vertex index is out
-            of range.
+        InputError: shapes disagree, a number is not finite or beyond 9.9 m, or a vertex index is
+            out of range.
     """
 
     name: str

@@ -84,8 +84,8 @@ class Light:
     intensity: float
 
 
-#: Lights from either side, and a weak one from behind the robot. A light at the camera would shade the
-#: eyes differently; lights straight above would not show the ridges.
+#: Lights from either side, and a weak one from behind the robot. A light at the camera would shade
+#: the eyes differently; lights straight above would not show the ridges.
 LIGHTS = (
     Light((0.60, 0.30, -0.75), 0.75),
     Light((-0.75, 0.15, -0.60), 0.30),
@@ -143,7 +143,8 @@ class Renderer:
             items: meshes in the scene, with unique names.
             lights: fixed in the world.
             posture: (13,) turn-table, right arm, left arm, radians; None for home (zeros).
-            head: (4,) left pan, left tilt, right pan, right tilt, radians; None for the cell's gaze.
+            head: (4,) left pan, left tilt, right pan, right tilt, radians; None for the cell's
+                gaze.
             shadows: render shadows (slower).
             near: near clipping plane, metres.
 
@@ -189,7 +190,9 @@ class Renderer:
         posture: NDArray[np.floating[Any]] | None = None,
         head: NDArray[np.floating[Any]] | None = None,
     ) -> None:
-        """Set the posture (13,), None for home, and the head angles (4,), None for no change; radians.
+        """Set the posture (13,) and the head angles (4,), radians.
+
+        Without a posture the robot is at home; without head angles the head keeps its own.
 
         Raises:
             InputError: the scene has no robot, or a shape is wrong.

@@ -1,7 +1,7 @@
 """Generate the captures that the package ships.
 
-Usage: `python -m unwrinkle.simulation.rendering.shipped_captures [FOLDER]`. The output is a function of
-the seed: the same command reproduces the same file.
+Usage: `python -m unwrinkle.simulation.rendering.shipped_captures [FOLDER]`. The output is a
+function of the seed: the same command reproduces the same file.
 """
 
 import sys

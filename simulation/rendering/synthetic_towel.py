@@ -1,7 +1,7 @@
 """Analytic ground truth: a towel with Gaussian ridges as a height field, and captures of it.
 
-Every length, width and height is known: a ridge of height h and sigma s has its inflections 2 s apart
-and h (1 - exp(-1/2)) below its top.
+Every length, width and height is known: a ridge of height h and sigma s has its inflections 2 s
+apart and h (1 - exp(-1/2)) below its top.
 """
 
 from dataclasses import dataclass
@@ -138,7 +138,7 @@ class Towel:
 
 
 def overhead_pose(x: float, y: float, z: float) -> NDArray[np.float64]:
-    """Return X_WC of a camera that looks straight down, its image's top away from the robot (-y)."""
+    """Return X_WC of a camera that looks down, its image's top away from the robot (-y)."""
     X_WC = np.eye(4)
     X_WC[:3, :3] = np.array([[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]])
     X_WC[:3, 3] = (x, y, z)

@@ -1,7 +1,7 @@
 """Textures of rendered surfaces: cloth, wood and uniform colours.
 
-Texel sizes are in metres. At 2.4 m a pixel of the stereo head covers 0.33 mm, so that texels of 0.25
-to 0.3 mm are as fine as an image resolves; finer ones alias.
+Texel sizes are in metres. At 2.4 m a pixel of the stereo head covers 0.33 mm, so that texels of
+0.25 to 0.3 mm are as fine as an image resolves; finer ones alias.
 """
 
 from dataclasses import dataclass

@@ -2,9 +2,10 @@
 
 At every pixel the right image is sampled at the current disparity, and products of the difference e
 and the mean gradient g of both images are summed over the cell (Lucas and Kanade 1981, in one
-dimension; symmetric as in Birchfield and Tomasi 1998). Both images are filtered by a cubic B-spline:
-its derivative is exact, its blur is the same in both images, and interpolation between pixels causes
-no sub-pixel bias. The kernel passes over the images once, without full-size temporaries.
+dimension; symmetric as in Birchfield and Tomasi 1998). Both images are filtered by a cubic
+B-spline: its derivative is exact, its blur is the same in both images, and interpolation between
+pixels causes no sub-pixel bias. The kernel passes over the images once, without full-size
+temporaries.
 """
 
 from dataclasses import dataclass
@@ -66,15 +67,15 @@ def cell_sums(
     return CellSums(*out)
 
 
-# Each stage is one loop over views of a row, which the compiler vectorises. The four pixels around a
-# sampling position are packed into one 32-bit word.
+# Each stage is one loop over views of a row, which the compiler vectorises. The four pixels around
+# a sampling position are packed into one 32-bit word.
 
 
 @nb.njit(nogil=True, cache=True, fastmath=True)
 def upsample_row(
     y: int, disparity: Grid, scale: np.float32, cell: int, line: Grid, row: Grid
 ) -> None:
-    """Interpolate the disparity of image row y into `row`; `line` is a buffer with a cell of padding."""
+    """Interpolate the disparity of image row y into `row`; `line` is a padded buffer of cells."""
     rows, columns = disparity.shape
     i = y // cell
     down = np.float32((y - i * cell + 0.5) / cell - 0.5)

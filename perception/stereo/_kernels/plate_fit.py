@@ -1,8 +1,8 @@
 """Weighted thin-plate fit of a disparity surface with discontinuities.
 
-Minimises sum_i a_i (d_i - t_i)^2 + stiffness * sum_k w_k c_k^2 over the cells of a grid. c_k are the
-second differences along rows, along columns and mixed (thin plate, Terzopoulos 1983), in pixels per
-cell squared. The robust weight w_k = 1 / (1 + (c_k / crease)^2)^2 (Geman and McClure 1987) is
+Minimises sum_i a_i (d_i - t_i)^2 + stiffness * sum_k w_k c_k^2 over the cells of a grid. c_k are
+the second differences along rows, along columns and mixed (thin plate, Terzopoulos 1983), in pixels
+per cell squared. The robust weight w_k = 1 / (1 + (c_k / crease)^2)^2 (Geman and McClure 1987) is
 computed per direction from the current surface, so that at the crest of a steep wrinkle or a fold
 the surface is smoothed along the crest but not across it.
 """

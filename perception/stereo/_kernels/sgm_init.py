@@ -64,7 +64,7 @@ def coarse_disparity(
 def _filled(
     disparity: NDArray[np.float32], measured: NDArray[np.bool_], otherwise: float
 ) -> NDArray[np.float32]:
-    """Fill unmeasured pixels by means over increasingly wide windows; then apply a median filter."""
+    """Fill unmeasured pixels by means over increasingly wide windows; then median-filter."""
     known = np.where(measured, disparity, np.float32(0.0))
     weight = measured.astype(np.float32)
     missing = (~measured).astype(np.uint8)

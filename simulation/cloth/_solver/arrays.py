@@ -132,9 +132,9 @@ def _compensated(
 ) -> NDArray[np.float64]:
     """Subtract the compliance that the sequential projection of the bending elements adds.
 
-    A bending element (1, -2, 1) is disturbed by the two that follow on its line. If all elements of a
-    line have the same impulse, the remaining second difference is (compliance + (6 - 4 + 1) w) times
-    the impulse, that is, three inverse masses w too compliant.
+    A bending element (1, -2, 1) is disturbed by the two that follow on its line. If all elements of
+    a line have the same impulse, the remaining second difference is (compliance + (6 - 4 + 1) w)
+    times the impulse, that is, three inverse masses w too compliant.
     """
     present = np.isfinite(compliance)
     compensated = compliance - 3.0 * weight

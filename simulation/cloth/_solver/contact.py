@@ -67,9 +67,9 @@ def find_pairs(
 ) -> int:
     """List the node-triangle pairs closer than `reach`; return their number, or OVERFLOW.
 
-    Pairs closer than `apart` in the flat cloth are neighbours and are skipped. The node's side of the
-    triangle is stored, so that `separate` pushes it back to that side. OVERFLOW: too many pairs, or
-    diverged positions.
+    Pairs closer than `apart` in the flat cloth are neighbours and are skipped. The node's side of
+    the triangle is stored, so that `separate` pushes it back to that side. OVERFLOW: too many
+    pairs, or diverged positions.
 
     Args:
         rows: the cloth.

@@ -110,8 +110,8 @@ class ClothMemory:
         )
         if found == OVERFLOW:
             raise ClothError(
-                f"cloth: touches itself in more than {len(self._pairs)} places, or flew apart; it is a knot, or "
-                "the solver failed: take a shorter time step or slower hands"
+                f"cloth: touches itself in more than {len(self._pairs)} places, or flew apart; it "
+                "is a knot, or the solver failed: take a shorter time step or slower hands"
             )
 
     def places(self) -> NDArray[np.float64]:

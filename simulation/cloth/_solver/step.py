@@ -82,8 +82,8 @@ def _ground(
     """Project the nodes out of table and floor, with Coulomb friction.
 
     Friction acts on positions: within the cone a node is reset exactly to its former position, so
-    that it does not creep. `table`: centre x, y, half sizes x, y, heights of a node on the table and
-    on the floor, and radius of the table's rounded edge, m; nodes would catch on a sharp edge.
+    that it does not creep. `table`: centre x, y, half sizes x, y, heights of a node on the table
+    and on the floor, and radius of the table's rounded edge, m; nodes would catch on a sharp edge.
     """
     centre_x, centre_y, half_x, half_y, top, floor, edge = table
     for i in range(1, nx + 1):
@@ -262,8 +262,8 @@ def substeps(
         _bend(turned, ny, nx, slip, share)
         _yarns(turned, ny, nx, spacing)
         _transpose(turned, rows, ny, nx, _POSITION)
-        # The list holds all pairs within reach = 2 thicknesses. It is valid until two nodes may have
-        # approached by one thickness.
+        # The list holds all pairs within reach = 2 thicknesses. It is valid until two nodes may
+        # have approached by one thickness.
         if _farthest(rows, nodes, listed) > 0.25 * thickness * thickness:
             found = find_pairs(
                 rows, nodes, rest, triangles, centres, apart, reach, cell, pairs, sides

@@ -29,8 +29,9 @@ def line_solver(channel: str, shift: int) -> Callable[[Rows, int, int, float], N
     """Return the kernel f(rows, nx, ny, length) of the springs (i, j) - (i + 1, j + shift).
 
     All springs of a line of nodes are solved jointly (Thomas' algorithm on the XPBD system, Macklin
-    2016 eq. 18, linearised at the given positions). Projected one by one, springs would be no stiffer
-    than mass / dt^2, about 13 N/m for a towel of 80 nodes, for any material. `length`: rest length, m.
+    2016 eq. 18, linearised at the given positions). Projected one by one, springs would be no
+    stiffer than mass / dt^2, about 13 N/m for a towel of 80 nodes, for any material. `length`: rest
+    length, m.
     """
     compliance = offset(channel)
     down = U((ROW + shift) % 2**64)
@@ -87,11 +88,11 @@ def line_solver(channel: str, shift: int) -> Callable[[Rows, int, int, float], N
 def bending(
     channel: str, memory: str, shift: int
 ) -> Callable[[Rows, int, int, float, float], None]:
-    """Return the kernel f(rows, nx, ny, slip, share) of bending along (-1, -shift), (0, 0), (1, shift).
+    """Return the kernel f(rows, nx, ny, slip, share) of bending along (1, shift).
 
-    The second difference c of the three positions is projected towards share * rest * normal. `rest`
-    follows c along the normal if they differ by more than `slip` (m): an elasto-plastic (Jenkin)
-    element with `share` of the total stiffness, parallel to an elastic one.
+    The second difference c of the three positions is projected towards share * rest * normal.
+    `rest` follows c along the normal if they differ by more than `slip` (m): an elasto-plastic
+    (Jenkin) element with `share` of the total stiffness, parallel to an elastic one.
     """
     compliance = offset(channel)
     rest = offset(memory)
@@ -134,7 +135,7 @@ def bending(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def normals(rows: Rows, nx: int, ny: int) -> None:
-    """Compute the unit normals: cross product of the i and j differences, one-sided at the border."""
+    """Compute unit normals: cross product of i and j differences, one-sided at the border."""
     one = U(1)
     for i in range(1, nx + 1):
         here = U(i) * _ROW
@@ -163,11 +164,11 @@ def effective_masses(rows: Rows, nx: int, ny: int, length: float, yarn_j: Rows) 
     """Compute the effective masses that stabilise taut nodes against transverse oscillation.
 
     A taut line of nodes has the transverse stiffness 4 T / h per node. The springs' directions are
-    those of the predicted positions, which is stable only for 4 T dt^2 / (h m) < 4/3. Therefore twice
-    the sum of T dt^2 / h over a node's springs is added to its mass (as in Andrews 2017, "Geometric
-    stiffness for real-time constrained multibody dynamics", with a scalar). Weight, and with it every
-    equilibrium, is unchanged. `length`: rest length of a yarn's spring, m. `yarn_j`: compliances /
-    dt^2 of the springs (i, j) - (i, j + 1), in the same rows, (nx + 2) * STRIDE.
+    those of the predicted positions, which is stable only for 4 T dt^2 / (h m) < 4/3. Therefore
+    twice the sum of T dt^2 / h over a node's springs is added to its mass (as in Andrews 2017,
+    "Geometric stiffness for real-time constrained multibody dynamics", with a scalar). Weight, and
+    with it every equilibrium, is unchanged. `length`: rest length of a yarn's spring, m. `yarn_j`:
+    compliances / dt^2 of the springs (i, j) - (i, j + 1), in the same rows, (nx + 2) * STRIDE.
     """
     diagonal = length * np.sqrt(2.0)
     one = U(1)
