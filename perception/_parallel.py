@@ -23,7 +23,7 @@ _THREADS = min(4, _processors())
 _BLOCKS_PER_THREAD = 4
 
 #: Least number of rows in a block.
-_LEAST_ROWS = 16
+_MIN_ROWS = 16
 
 
 _Item = TypeVar("_Item")
@@ -43,7 +43,7 @@ def parallel_rows(kernel: Callable[..., None], rows: int, *arguments: Any) -> No
         rows: number of rows.
         arguments: passed to the kernel.
     """
-    count = max(1, min(_BLOCKS_PER_THREAD * _THREADS, rows // _LEAST_ROWS))
+    count = max(1, min(_BLOCKS_PER_THREAD * _THREADS, rows // _MIN_ROWS))
     edges = np.linspace(0, rows, count + 1).round().astype(int).tolist()
     if count == 1:
         kernel(0, rows, *arguments)

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from unwrinkle.models import InputError, load_yaml, models_dir
 
 #: Limits of a plausible field of view, degrees.
-_WIDEST = 150.0
-_NARROWEST = 2.0
+_MAX_VIEW_DEG = 150.0
+_MIN_VIEW_DEG = 2.0
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,10 @@ class Camera:
                     f"of {size} pixels; are the intrinsics of another resolution?"
                 )
             view = degrees(2.0 * atan(0.5 * size / focal))
-            if not _NARROWEST <= view <= _WIDEST:
+            if not _MIN_VIEW_DEG <= view <= _MAX_VIEW_DEG:
                 raise InputError(
                     f"{label}: f{axis} = {focal} gives a field of view of {view:.1f} degrees, "
-                    f"wanted {_NARROWEST:.0f} to {_WIDEST:.0f}; is it in pixels?"
+                    f"wanted {_MIN_VIEW_DEG:.0f} to {_MAX_VIEW_DEG:.0f}; is it in pixels?"
                 )
 
     @property

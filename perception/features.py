@@ -25,31 +25,31 @@ LEAST_INLIERS = 8
 
 #: Width of the reduced image, pixels: 1/12 of the head's cameras. 1/8 takes twice as long and gave
 #: the same result.
-_WORK_WIDTH = 411
+_WORK_WIDTH_PX = 411
 
 #: Default limit of the features of an image.
-_MOST_FEATURES = 1500
+_MAX_FEATURES = 1500
 
 #: SIFT contrast threshold: a quarter of Lowe's, because plain cloth has little contrast.
-_CONTRAST = 0.01
+_CONTRAST_THRESHOLD = 0.01
 
 #: Lowe's ratio of the nearest to the second nearest distance.
 _RATIO = 0.8
 
 #: Lower bound of a squared descriptor distance against rounding.
-_ROUNDING = 1e-5
+_MIN_DISTANCE2 = 1e-5
 
 #: Inlier tolerance of a mapping, pixels of the reduced image; wrinkles deviate from a plane by one.
-_MAPPING_TOLERANCE = 2.0
+_MAPPING_TOLERANCE_PX = 2.0
 
 #: Least number of inliers of a homography; fewer determine a similarity only.
-_SURE_INLIERS = 20
+_MIN_HOMOGRAPHY_INLIERS = 20
 
 #: Largest plausible stretch of a mapping, and ratio of its two stretches.
-_MOST_STRETCH = 6.0
+_MAX_STRETCH = 6.0
 
 #: Margin kept around a template's region, pixels, for windows at its border.
-_MARGIN = 96
+_MARGIN_PX = 96
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +132,7 @@ def view(image: NDArray[np.uint8], *, factor: int | None = None, most: int | Non
         raise InputError(f"image: {image.dtype} {image.shape}, wanted uint8 (h, w) or (h, w, 3)")
     height, width = image.shape[:2]
     if factor is None:
-        factor = max(1, round(width / _WORK_WIDTH))
+        factor = max(1, round(width / _WORK_WIDTH_PX))
     if factor < 1 or min(height, width) < 16 * factor:
         raise InputError(
             f"image of {width} x {height} pixels cannot be reduced by {factor}: 16 x 16 must be "
@@ -144,8 +144,8 @@ def view(image: NDArray[np.uint8], *, factor: int | None = None, most: int | Non
     if factor > 1:
         small = np.asarray(cv2.resize(small, (columns, rows), interpolation=cv2.INTER_AREA))
     sift = cv2.SIFT_create(
-        nfeatures=most or _MOST_FEATURES,
-        contrastThreshold=_CONTRAST,
+        nfeatures=most or _MAX_FEATURES,
+        contrastThreshold=_CONTRAST_THRESHOLD,
         enable_precise_upscale=True,  # without it points are off by a quarter of a pixel
     )
     keypoints, descriptors = sift.detectAndCompute(small, None)
@@ -202,8 +202,8 @@ def template(
             f"template {name!r}: {inside.sum()} features in it, at least {LEAST_INLIERS} are "
             "needed; choose a larger piece, one with texture, or a smaller factor"
         )
-    start = np.maximum(np.floor(lower) - _MARGIN, 0.0)
-    stop = np.minimum(np.ceil(upper) + _MARGIN, [width - 1.0, height - 1.0])
+    start = np.maximum(np.floor(lower) - _MARGIN_PX, 0.0)
+    stop = np.minimum(np.ceil(upper) + _MARGIN_PX, [width - 1.0, height - 1.0])
     u0, v0, u1, v1 = (int(value) for value in (*start, *stop))
     own = source.features.where(inside)
     return Template(
@@ -238,7 +238,7 @@ def matches(
     second = likeness.max(axis=1)
     likeness[rows, nearest] = best
     # Distances of vectors of length 1: d^2 = 2 - 2 likeness, up to rounding.
-    near, far = np.maximum(1.0 - best, _ROUNDING), np.maximum(1.0 - second, _ROUNDING)
+    near, far = np.maximum(1.0 - best, _MIN_DISTANCE2), np.maximum(1.0 - second, _MIN_DISTANCE2)
     keep = near < ratio * ratio * far
     if mutual:
         keep &= np.argmax(likeness, axis=0)[nearest] == rows
@@ -264,7 +264,7 @@ def mapping(
     if len(p) < max(least, 4):
         return None
     H, agree = cv2.findHomography(p, q, cv2.USAC_MAGSAC, tolerance, maxIters=3000, confidence=0.999)
-    if H is not None and (keep := agree.ravel() > 0).sum() >= max(least, _SURE_INLIERS):
+    if H is not None and (keep := agree.ravel() > 0).sum() >= max(least, _MIN_HOMOGRAPHY_INLIERS):
         H = np.asarray(H, dtype=float)
         if _plausible(H, p[keep]):
             return H, keep
@@ -291,7 +291,7 @@ def find(
     found = mapping(
         thing.points[pairs[:, 0]],
         scene.points[pairs[:, 1]],
-        tolerance=_MAPPING_TOLERANCE * factor,
+        tolerance=_MAPPING_TOLERANCE_PX * factor,
     )
     return None if found is None else (found[0], int(found[1].sum()))
 
@@ -319,9 +319,9 @@ def _plausible(H: Homography, points: Points) -> bool:
             return False
         J = local_linear(H, point)
         stretch = np.linalg.svd(J, compute_uv=False)
-        if np.linalg.det(J) <= 0.0 or stretch[0] > _MOST_STRETCH * stretch[1]:
+        if np.linalg.det(J) <= 0.0 or stretch[0] > _MAX_STRETCH * stretch[1]:
             return False
-        if not 1.0 / _MOST_STRETCH < stretch[0] < _MOST_STRETCH:
+        if not 1.0 / _MAX_STRETCH < stretch[0] < _MAX_STRETCH:
             return False
     return True
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 #: Least bilinear weight of a measured cell.
-_LEAST_WEIGHT = 0.15
+_MIN_WEIGHT = 0.15
 
 #: Limit of a grid's size, cells.
-_LARGEST_GRID = 40_000_000
+_MAX_CELLS = 40_000_000
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Grid:
             int(np.ceil((float(values.max()) + margin) / resolution)) for values in (x, y)
         )
         nx, ny = high_x - low_x + 1, high_y - low_y + 1
-        if nx * ny > _LARGEST_GRID:
+        if nx * ny > _MAX_CELLS:
             raise ValueError(f"a grid of {nx} x {ny} cells is too large")
         return Grid(low_x * resolution, low_y * resolution, nx, ny, resolution)
 
@@ -99,7 +99,7 @@ def filled_averages(
     Returns:
         Averages (k, ny, nx), 0 in cells without data, and the mask (ny, nx) of cells with data.
     """
-    measured = weights > _LEAST_WEIGHT
+    measured = weights > _MIN_WEIGHT
     # A cell with measured neighbours on both sides is a gap of the sampling, not a hole.
     spread = cv2.GaussianBlur(weights, (5, 5), 0.8)
     gap = ~measured & (_closed(measured) > 0) & (spread > 0.02)

@@ -22,13 +22,13 @@ from unwrinkle.perception.calibration.projection import (
 from unwrinkle.perception.calibration.rig import BoardObservation, Rig, moved
 
 #: Limit of Levenberg-Marquardt steps.
-_STEPS = 60
+_MAX_STEPS = 60
 
 #: Relative decrease of the cost at convergence.
-_SETTLED = 1e-8
+_CONVERGED = 1e-8
 
 #: Limit of the damping.
-_STIFFEST = 1e12
+_MAX_DAMPING = 1e12
 
 _log = logging.getLogger(__name__)
 
@@ -221,11 +221,11 @@ def levenberg_marquardt(
             "calibration: a board lies behind its camera at the start; check the poses"
         )
     damping = 1e-4
-    for _ in range(_STEPS):
+    for _ in range(_MAX_STEPS):
         normal, gradient = problem.normal_equations(state, residual)
         scale = np.diag(normal).copy()
         scale[scale == 0.0] = 1.0
-        while damping < _STIFFEST:
+        while damping < _MAX_DAMPING:
             try:
                 factor = cho_factor(normal + np.diag(damping * scale))
             except LinAlgError:
@@ -239,7 +239,7 @@ def levenberg_marquardt(
             damping *= 10.0
         else:
             break
-        settled = cost - cost_tried <= _SETTLED * cost
+        settled = cost - cost_tried <= _CONVERGED * cost
         state, residual, cost = tried, residual_tried, cost_tried
         damping = max(0.1 * damping, 1e-12)
         if settled:

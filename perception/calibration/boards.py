@@ -20,29 +20,29 @@ from unwrinkle.models.transforms import pose
 from unwrinkle.perception.camera import Camera
 
 #: Least number of inner corners along a side.
-_FEWEST_CORNERS = 3
+_MIN_CORNERS = 3
 
 #: Longest sides of the reduced images in which a board is searched in turn, pixels.
-_SEARCH_SIZES = (1300, 2600)
+_SEARCH_SIZES_PX = (1300, 2600)
 
 #: Half window of the corner refinement, fraction of the least height of a square in the image.
-_WINDOW = 0.45
+_WINDOW_FRACTION = 0.45
 
 #: Limits of the half window, pixels.
-_NARROWEST = 2
-_WIDEST = 60
+_MIN_WINDOW_PX = 2
+_MAX_WINDOW_PX = 60
 
 #: Sigma of the smoothing before the refinement, fraction of the half window.
-_SMOOTHING = 0.05
+_SMOOTHING_FRACTION = 0.05
 
 #: Largest shift of a corner in the refinement, fraction of a square's side.
-_FURTHEST = 0.35
+_MAX_SHIFT_FRACTION = 0.35
 
 #: Largest fraction of detected corners that are off the board's plane.
-_MOST_OFF = 0.2
+_MAX_OUTLIER_FRACTION = 0.2
 
 #: Least fraction of a ChArUco board's corners.
-_FEWEST_SHARE = 0.25
+_MIN_CORNER_FRACTION = 0.25
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,9 @@ class Board:
     def __post_init__(self) -> None:
         """Check that the board is detectable and its orientation unambiguous."""
         label = f"board {self.columns}x{self.rows}"
-        if min(self.columns, self.rows) < _FEWEST_CORNERS:
+        if min(self.columns, self.rows) < _MIN_CORNERS:
             raise InputError(
-                f"{label}: needs at least {_FEWEST_CORNERS} inner corners a side; count the "
+                f"{label}: needs at least {_MIN_CORNERS} inner corners a side; count the "
                 "corners where four squares meet, not the squares"
             )
         if not 0.0 < self.square < 1.0:
@@ -198,7 +198,7 @@ def find_board(
         raise InputError(f"{name}: image is {image.dtype} {image.shape}, wanted uint8 (h, w)")
     longest = max(image.shape)
     reason = f"no {board} in it; show all of it, sharp and well lit"
-    for size in _SEARCH_SIZES:
+    for size in _SEARCH_SIZES_PX:
         scale = min(1.0, size / longest)
         small = image
         if scale < 1.0:
@@ -250,7 +250,7 @@ def _charuco(
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.intp]]:
     """Return the detected corners of a ChArUco board and their numbers, or None."""
     corners, ids, _, _ = _charuco_detector(board).detectBoard(image)
-    if ids is None or len(ids) < max(6, _FEWEST_SHARE * board.columns * board.rows):
+    if ids is None or len(ids) < max(6, _MIN_CORNER_FRACTION * board.columns * board.rows):
         return None, np.zeros(0, dtype=np.intp)
     numbers = np.asarray(ids, dtype=np.intp).ravel()
     x, y = numbers % board.columns, numbers // board.columns
@@ -298,14 +298,14 @@ def _refined(
     side, height = _square_in_image(homography, board, ids)
     # The detection is sometimes off by half a square at a corner or two.
     plane = _mapped(homography, base)
-    off = np.linalg.norm(plane - rough, axis=1) > _FURTHEST * side
-    if off.mean() > _MOST_OFF:
+    off = np.linalg.norm(plane - rough, axis=1) > _MAX_SHIFT_FRACTION * side
+    if off.mean() > _MAX_OUTLIER_FRACTION:
         return f"{off.mean():.0%} of the corners found do not lie on a flat board; is it bent?"
     rough = np.where(off[:, None], plane, rough)
-    clear = _WINDOW
+    clear = _WINDOW_FRACTION
     if board.dictionary:  # distance to the nearest marker
         clear = min(clear, 0.5 * (1.0 - board.marker / board.square))
-    half = int(np.clip(np.floor(clear * height), _NARROWEST, _WIDEST))
+    half = int(np.clip(np.floor(clear * height), _MIN_WINDOW_PX, _MAX_WINDOW_PX))
     margin = half + 2
     inside = (rough >= margin) & (rough <= np.array(image.shape)[::-1] - 1 - margin)
     if not inside.all():
@@ -315,14 +315,14 @@ def _refined(
     first = np.maximum(np.floor(rough.min(axis=0)).astype(int) - 2 * margin, 0)
     last = np.ceil(rough.max(axis=0)).astype(int) + 2 * margin
     part = image[first[1] : last[1] + 1, first[0] : last[0] + 1].astype(np.float32)
-    smooth = cv2.GaussianBlur(part, (0, 0), _SMOOTHING * half)
+    smooth = cv2.GaussianBlur(part, (0, 0), _SMOOTHING_FRACTION * half)
     start = (rough - first).astype(np.float32).reshape(-1, 1, 2)
     found = cv2.cornerSubPix(smooth, start, (half, half), (-1, -1), criteria)
     corners = np.asarray(found, dtype=float).reshape(-1, 2) + first
     moved = float(np.max(np.linalg.norm(corners - rough, axis=1)))
-    if moved > _FURTHEST * side:
+    if moved > _MAX_SHIFT_FRACTION * side:
         return (
-            f"a corner moved by {moved:.1f} px in the refinement, more than {_FURTHEST:.0%} of a "
+            f"a corner moved by {moved:.1f} px in the refinement, more than {_MAX_SHIFT_FRACTION:.0%} of a "
             f"square of {side:.0f} px; is the image sharp?"
         )
     return corners

@@ -17,22 +17,22 @@ from unwrinkle.perception.calibration._bundle_problem import (
 from unwrinkle.perception.calibration.rig import BoardObservation, Rig
 
 #: Initial noise of a corner, pixels.
-_FIRST_NOISE = 0.1
+_INITIAL_NOISE_PX = 0.1
 
 #: Number of reweighted adjustments.
-_WEIGHINGS = 3
+_REWEIGHTINGS = 3
 
 #: The same if the joints' noise is estimated.
-_WEIGHINGS_LEARNING = 6
+_REWEIGHTINGS_WITH_JOINTS = 6
 
 #: Least noise of an observation, fraction of the median one's.
-_LEAST_NOISE = 0.5
+_MIN_NOISE_FRACTION = 0.5
 
 #: Initial noise of the joints, radians.
-_FIRST_JOINT_NOISE = 2e-4
+_INITIAL_JOINT_NOISE_RAD = 2e-4
 
 #: Least noise of the joints, radians.
-_LEAST_JOINT_NOISE = 1e-7
+_MIN_JOINT_NOISE_RAD = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,23 +86,23 @@ def adjust(
     Raises:
         InputError: the corners do not determine the unknowns.
     """
-    noise = np.full(len(shots), _FIRST_NOISE)
-    spread_of_joints = _FIRST_JOINT_NOISE if joint_noise is None else joint_noise
+    noise = np.full(len(shots), _INITIAL_NOISE_PX)
+    spread_of_joints = _INITIAL_JOINT_NOISE_RAD if joint_noise is None else joint_noise
     start: State | None = None
-    for _ in range(_WEIGHINGS_LEARNING if joint_noise is None else _WEIGHINGS):
+    for _ in range(_REWEIGHTINGS_WITH_JOINTS if joint_noise is None else _REWEIGHTINGS):
         problem = BundleProblem(rig, shots, intrinsics, mounts, bases, spread_of_joints, noise)
         state, covariance = levenberg_marquardt(problem, start)
         start = state
         residual = problem.misses(*state)
         pieces = tuple(np.split(residual, problem.starts[1:]))
         shot_rms = np.array([_rms(piece) for piece in pieces])
-        floor = _LEAST_NOISE * float(np.median(shot_rms))
+        floor = _MIN_NOISE_FRACTION * float(np.median(shot_rms))
         noise = np.maximum(np.maximum(shot_rms, floor), 1e-6) / np.sqrt(2.0)
         sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         if joint_noise is None and state[1].size:
             found_sigma = sigma[problem.joint_start :]
             variance = float(np.mean(state[1] ** 2 + found_sigma**2))
-            spread_of_joints = max(np.sqrt(variance), _LEAST_JOINT_NOISE)
+            spread_of_joints = max(np.sqrt(variance), _MIN_JOINT_NOISE_RAD)
     joints = np.append(state[1], 0.0)
     slots = problem.joint_slots - problem.joint_start
     joint_errors = joints[np.where(problem.joint_slots >= 0, slots, -1)]

@@ -16,28 +16,28 @@ FEWEST_VIEWS = 8
 MOST_RESIDUAL = 1.0
 
 #: Largest fraction of rejected views.
-_MOST_REJECTED = 0.34
+_MAX_REJECTED_FRACTION = 0.34
 
 #: RMS error of an outlying view, multiples of the median view's.
-_OUTLYING = 3.0
+_OUTLIER_RATIO = 3.0
 
 #: Least RMS error of an outlying view, pixels.
-_LEAST_OUTLYING = 0.25
+_MIN_OUTLIER_PX = 0.25
 
 #: Largest relative standard deviation of the focal length.
-_MOST_FOCAL_SIGMA = 0.01
+_MAX_FOCAL_SIGMA = 0.01
 
 #: Least range of the boards' tilts about either axis, radians.
-_LEAST_TILT = np.radians(12.0)
+_MIN_TILT_RAD = np.radians(12.0)
 
 #: Limit of the rejected views listed in a message.
-_LISTED = 3
+_MAX_LISTED = 3
 
 
 def worst_outlier(rms: NDArray[np.float64]) -> int | None:
     """Return the index of the view with the largest error if it is an outlier, else None."""
     worst = int(np.argmax(rms))
-    limit = max(_LEAST_OUTLYING, _OUTLYING * float(np.median(rms)))
+    limit = max(_MIN_OUTLIER_PX, _OUTLIER_RATIO * float(np.median(rms)))
     return worst if rms[worst] > limit else None
 
 
@@ -60,7 +60,7 @@ def check_rejected(kept: int, rejected: list[str]) -> None:
     Raises:
         InputError: too many are rejected; the message lists them.
     """
-    if len(rejected) > _MOST_REJECTED * (kept + len(rejected)):
+    if len(rejected) > _MAX_REJECTED_FRACTION * (kept + len(rejected)):
         raise InputError(
             f"calibration: {len(rejected)} of {kept + len(rejected)} views do not fit, at most a "
             f"third may be left out{listed(rejected)}; check board, order and angles"
@@ -71,8 +71,8 @@ def listed(rejected: Sequence[str]) -> str:
     """Format the first rejections for a message; empty without any."""
     if not rejected:
         return ""
-    more = f"; {len(rejected) - _LISTED} more" if len(rejected) > _LISTED else ""
-    return f" (left out: {'; '.join(rejected[:_LISTED])}{more})"
+    more = f"; {len(rejected) - _MAX_LISTED} more" if len(rejected) > _MAX_LISTED else ""
+    return f" (left out: {'; '.join(rejected[:_MAX_LISTED])}{more})"
 
 
 def check_sizes(views: list[BoardView], name: str) -> None:
@@ -110,10 +110,10 @@ def check_focal(name: str, loose: float) -> None:
     Raises:
         InputError: it is larger.
     """
-    if not loose <= _MOST_FOCAL_SIGMA:
+    if not loose <= _MAX_FOCAL_SIGMA:
         raise InputError(
             f"{name} camera: the views leave its focal length open by {loose:.1%}, wanted "
-            f"{_MOST_FOCAL_SIGMA:.0%} or less; tilt the board by 20 to 40 degrees about two axes, "
+            f"{_MAX_FOCAL_SIGMA:.0%} or less; tilt the board by 20 to 40 degrees about two axes, "
             "and fill more of the image"
         )
 
@@ -131,9 +131,9 @@ def check_tilts(turns: NDArray[np.float64], name: str) -> None:
     normals = Rotation.from_rotvec(turns).as_matrix()[:, :2, 2]
     _, _, axes = np.linalg.svd(normals - normals.mean(axis=0))
     most, least = sorted(np.ptp(normals @ axes.T, axis=0), reverse=True)
-    if least < _LEAST_TILT:
+    if least < _MIN_TILT_RAD:
         raise InputError(
             f"{name} camera: the board is tilted by {np.degrees(most):.0f} degrees about one axis "
             f"and by {np.degrees(least):.0f} about the other, wanted at least "
-            f"{np.degrees(_LEAST_TILT):.0f} about both; tilt it more, by 20 to 40 degrees"
+            f"{np.degrees(_MIN_TILT_RAD):.0f} about both; tilt it more, by 20 to 40 degrees"
         )

@@ -29,14 +29,14 @@ MIN_VIEWS = 8
 LEAST_TURN = np.radians(6.0)
 
 #: Largest disagreement of the methods, radians and metres.
-_MOST_TURN_APART = np.radians(0.5)
-_MOST_SHIFT_APART = 0.015
+_MAX_DISAGREEMENT_RAD = np.radians(0.5)
+_MAX_DISAGREEMENT_M = 0.015
 
 #: Least inconsistency of an outlying view, radians.
-_TURN_FLOOR = np.radians(0.3)
+_MIN_OUTLIER_RAD = np.radians(0.3)
 
 #: Inconsistency of an outlying view, multiples of the median.
-_OUTLYING = 6.0
+_OUTLIER_RATIO = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,14 +94,14 @@ def solve_hand_eye(
     others = [_by_opencv(X_BM, X_CT, method) for method in _CROSS_CHECKS.values()]
     turns = [angle_between(X_MC, other) for other in others]
     shifts = [float(np.linalg.norm(X_MC[:3, 3] - other[:3, 3])) for other in others]
-    if max(turns) > _MOST_TURN_APART or max(shifts) > _MOST_SHIFT_APART:
+    if max(turns) > _MAX_DISAGREEMENT_RAD or max(shifts) > _MAX_DISAGREEMENT_M:
         apart = ", ".join(
             f"{method} by {np.degrees(turn):.2f} degrees and {1e3 * shift:.1f} mm"
             for method, turn, shift in zip(_CROSS_CHECKS, turns, shifts, strict=True)
         )
         raise InputError(
             f"{name}: methods disagree with Tsai's ({apart}; at most "
-            f"{np.degrees(_MOST_TURN_APART):.1f} degrees and {1e3 * _MOST_SHIFT_APART:.0f} mm); "
+            f"{np.degrees(_MAX_DISAGREEMENT_RAD):.1f} degrees and {1e3 * _MAX_DISAGREEMENT_M:.0f} mm); "
             "the angles or poses may not belong to the images, or turn the mount more"
         )
     boards = [M @ X_MC @ T for M, T in zip(X_BM, X_CT, strict=True)]
@@ -166,7 +166,7 @@ def contradictions(X_BM: Sequence[Pose], X_CT: Sequence[Pose]) -> NDArray[np.flo
 def outlying(X_BM: Sequence[Pose], X_CT: Sequence[Pose]) -> NDArray[np.bool_]:
     """Return the mask (views,) of views inconsistent with the others (e.g. mismatched angles)."""
     found = contradictions(X_BM, X_CT)
-    return np.asarray(found > max(_TURN_FLOOR, _OUTLYING * float(np.median(found))))
+    return np.asarray(found > max(_MIN_OUTLIER_RAD, _OUTLIER_RATIO * float(np.median(found))))
 
 
 def mean_pose(poses: Sequence[Pose]) -> Pose:

@@ -41,19 +41,19 @@ from unwrinkle.perception.stereo.head import Gaze, PanTiltUnit
 from unwrinkle.perception.stereo.head_file import VALID_DAYS, HeadCalibration
 
 #: Largest motion of the turn-table between views, radians.
-_SAME_TURNTABLE = 1e-4
+_MAX_TURNTABLE_MOTION_RAD = 1e-4
 
 #: Joint error of an outlying view, multiples of the median view's.
-_OUTLYING_JOINT = 9.0
+_OUTLIER_JOINT_RATIO = 9.0
 
 #: Least joint error of an outlying view, radians.
-_LEAST_JOINT_ERROR = 2e-4
+_MIN_OUTLIER_JOINT_RAD = 2e-4
 
 _EYES = ("left", "right")
 
 #: Largest standard deviation of a mount, radians and metres.
-_MOST_MOUNT_TURN = np.radians(0.05)
-_MOST_MOUNT_SHIFT = 0.002
+_MAX_MOUNT_SIGMA_RAD = np.radians(0.05)
+_MAX_MOUNT_SIGMA_M = 0.002
 
 _log = logging.getLogger(__name__)
 
@@ -132,7 +132,7 @@ def calibrate_head(
         for eye, unit in enumerate(units):
             unit.check(*_angles(look.gaze, eye), f"{look.name}, {_EYES[eye]} eye")
     turntable = [look.gaze.ext_axis for look in looks]
-    if looks and np.ptp(turntable) > _SAME_TURNTABLE:
+    if looks and np.ptp(turntable) > _MAX_TURNTABLE_MOTION_RAD:
         raise InputError(
             f"hand-eye calibration: the turn-table stands at {min(turntable):.4f} to "
             f"{max(turntable):.4f} rad; keep it still, for the head turns with it"
@@ -231,7 +231,7 @@ def _worst(fit: Adjustment, ours: NDArray[np.bool_]) -> tuple[int | None, str]:
     joints = np.abs(fit.joint_errors).max(axis=1)[numbers]
     usual = float(np.median(joints))
     worst = int(np.argmax(joints))
-    if joints[worst] > max(_LEAST_JOINT_ERROR, _OUTLYING_JOINT * usual):
+    if joints[worst] > max(_MIN_OUTLIER_JOINT_RAD, _OUTLIER_JOINT_RATIO * usual):
         found = np.degrees([joints[worst], usual])
         reason = f"has angles off by {found[0]:.3f} degrees, the others by {found[1]:.4f}"
         return int(numbers[worst]), reason
@@ -372,11 +372,11 @@ def _check_angles(angles: NDArray[np.float64], name: str) -> None:
 def _check_mounts(fit: Adjustment) -> None:
     for eye, sigma in enumerate(fit.mount_sigma):
         shift, turn = float(sigma[:3].max()), float(sigma[3:].max())
-        if turn > _MOST_MOUNT_TURN or shift > _MOST_MOUNT_SHIFT:
+        if turn > _MAX_MOUNT_SIGMA_RAD or shift > _MAX_MOUNT_SIGMA_M:
             raise InputError(
                 f"hand-eye calibration: the looks leave the {_EYES[eye]} camera's place on its "
                 f"mount open by {np.degrees(turn):.3f} degrees and {1e3 * shift:.2f} mm, wanted "
-                f"{np.degrees(_MOST_MOUNT_TURN):.2f} and {1e3 * _MOST_MOUNT_SHIFT:.0f}; take more "
+                f"{np.degrees(_MAX_MOUNT_SIGMA_RAD):.2f} and {1e3 * _MAX_MOUNT_SIGMA_M:.0f}; take more "
                 "looks, turned further"
             )
 

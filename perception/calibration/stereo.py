@@ -33,10 +33,10 @@ from unwrinkle.perception.calibration.rig import BoardObservation, Rig
 from unwrinkle.perception.camera import Camera
 
 #: Largest rotation of a pair's relative pose from the central one, radians.
-_PAIR_TURN = np.radians(2.0)
+_MAX_PAIR_TURN_RAD = np.radians(2.0)
 
 #: Largest shift of a pair's relative pose from the central one, fraction of the baseline.
-_PAIR_SHIFT = 0.1
+_MAX_PAIR_SHIFT = 0.1
 
 _log = logging.getLogger(__name__)
 
@@ -304,7 +304,7 @@ def _most_central(poses: list[Pose]) -> int:
 def _apart(X: Pose, middle: Pose) -> bool:
     shift = float(np.linalg.norm(X[:3, 3] - middle[:3, 3]))
     baseline = float(np.linalg.norm(middle[:3, 3]))
-    return angle_between(X, middle) > _PAIR_TURN or shift > _PAIR_SHIFT * baseline
+    return angle_between(X, middle) > _MAX_PAIR_TURN_RAD or shift > _MAX_PAIR_SHIFT * baseline
 
 
 def _adjust_pairs(rig: Rig, pairs: list[PairView]) -> Adjustment:

@@ -27,11 +27,11 @@ from unwrinkle.perception.camera import Camera, load_camera
 DEFAULT_CAMERA = "xtion-pro-live"
 
 #: Largest fraction of pixels without a reading.
-_MOST_HOLES = 0.5
+_MAX_HOLE_FRACTION = 0.5
 
 #: Limits of a plausible median depth, metres.
-_NEAREST = 0.1
-_FARTHEST = 10.0
+_MIN_DEPTH_M = 0.1
+_MAX_DEPTH_M = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,16 +76,16 @@ class Capture:
         if not depth.any():
             raise InputError(f"{self.name}: depth is all zero (no reading); record it again")
         middle = float(np.median(depth[depth > 0.0]))
-        if not _NEAREST <= middle <= _FARTHEST:
+        if not _MIN_DEPTH_M <= middle <= _MAX_DEPTH_M:
             raise InputError(
-                f"{self.name}: the median depth is {middle:.4g} m, wanted {_NEAREST} to "
-                f"{_FARTHEST:.0f} m; floats are read as metres, integers as millimetres"
+                f"{self.name}: the median depth is {middle:.4g} m, wanted {_MIN_DEPTH_M} to "
+                f"{_MAX_DEPTH_M:.0f} m; floats are read as metres, integers as millimetres"
             )
         holes = float(np.mean(depth == 0.0))
-        if holes > _MOST_HOLES:
+        if holes > _MAX_HOLE_FRACTION:
             raise InsufficientViewError(
                 f"{self.name}: insufficient view, {holes:.0%} of the depth image has no reading, "
-                f"at most {_MOST_HOLES:.0%} may lack; look again"
+                f"at most {_MAX_HOLE_FRACTION:.0%} may lack; look again"
             )
         depth.setflags(write=False)
         object.__setattr__(self, "depth", depth)

@@ -13,26 +13,26 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 #: Widths of the images of the coarse and the fine search, pixels.
-_COARSE_WIDTH = 160
-_FINE_WIDTH = 320
+_COARSE_WIDTH_PX = 160
+_FINE_WIDTH_PX = 320
 
 #: Scales of the coarse search.
 _SCALES = np.linspace(0.88, 1.16, 15)
 
 #: Mean of the prior: scale, rotation (rad), shift x and y (image widths).
-_PRIOR_MIDDLE = np.array([1.03, 0.0, 0.0, 0.0])
+_PRIOR_MEAN = np.array([1.03, 0.0, 0.0, 0.0])
 
 #: Standard deviations of the prior.
-_PRIOR_SPREAD = np.array([0.08, 0.02, 0.04, 0.04])
+_PRIOR_SIGMA = np.array([0.08, 0.02, 0.04, 0.04])
 
 #: Weight of the prior's squared distance against the correlation.
 _PRIOR_WEIGHT = 0.02
 
 #: Largest accepted distance from the prior's mean, standard deviations.
-_FARTHEST = 3.0
+_MAX_PRIOR_DISTANCE = 3.0
 
 #: Least accepted correlation.
-_LEAST_CORRELATION = 0.35
+_MIN_CORRELATION = 0.35
 
 
 def align_colour(
@@ -58,10 +58,10 @@ def align_colour(
     if not colour_mask.any() or colour_mask.all():
         return None
     coarse = _coarse(colour_mask, evidence)
-    scale = _FINE_WIDTH / evidence.shape[1]
+    scale = _FINE_WIDTH_PX / evidence.shape[1]
     small = cv2.resize(evidence, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     # Reduce the colour mask by area first; warping a thin mask directly would alias.
-    shrink = _FINE_WIDTH / colour_mask.shape[1]
+    shrink = _FINE_WIDTH_PX / colour_mask.shape[1]
     mask = cv2.resize(
         colour_mask.astype(np.float32), None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA
     )
@@ -69,7 +69,7 @@ def align_colour(
     def cost(x: NDArray[np.float64]) -> float:
         affine = _similarity(x, mask.shape, small.shape)
         warped = cv2.warpAffine(mask, affine, (small.shape[1], small.shape[0]))
-        away = (x - _PRIOR_MIDDLE) / _PRIOR_SPREAD
+        away = (x - _PRIOR_MEAN) / _PRIOR_SIGMA
         return _PRIOR_WEIGHT * float(away @ away) - _correlation(
             np.asarray(warped), np.asarray(small)
         )
@@ -78,8 +78,8 @@ def align_colour(
     simplex = start + np.vstack([np.zeros(4), np.diag([0.03, 0.02, 0.02, 0.02])])
     options: Any = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-5, "maxiter": 250}
     found = minimize(cost, start, method="Nelder-Mead", options=options)
-    away = np.abs(found.x - _PRIOR_MIDDLE) / _PRIOR_SPREAD
-    if -found.fun < _LEAST_CORRELATION or away.max() > _FARTHEST:
+    away = np.abs(found.x - _PRIOR_MEAN) / _PRIOR_SIGMA
+    if -found.fun < _MIN_CORRELATION or away.max() > _MAX_PRIOR_DISTANCE:
         return None
     return _similarity(found.x, colour_mask.shape, evidence.shape)
 
@@ -105,7 +105,7 @@ def _coarse(
     colour_mask: NDArray[np.bool_], evidence: NDArray[np.float32]
 ) -> tuple[float, float, float]:
     """Best scale and shift (of the image's width) over all scales, no turn."""
-    zoom = _COARSE_WIDTH / evidence.shape[1]
+    zoom = _COARSE_WIDTH_PX / evidence.shape[1]
     small = np.asarray(cv2.resize(evidence, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA))
     ny, nx = small.shape
     margin = nx // 12

@@ -35,26 +35,26 @@ DEFAULT_CENTRE = (0.0, -1.10)
 DEFAULT_TABLE_HEIGHT = 0.70
 
 #: Margin of the grid around the garment, metres.
-_MARGIN = 0.05
+_MAP_MARGIN_M = 0.05
 
 #: Largest fraction of the garment without a reading.
-_MOST_HOLES_ON_GARMENT = 0.5
+_MAX_HOLE_FRACTION = 0.5
 
 #: Depth below the table plane, metres, beyond which readings are ignored.
-_DEEPEST = 0.02
+_MAX_DEPTH_M = 0.02
 
 #: Largest plausible tilt of the table, degrees.
-_MOST_LEAN = 3.0
+_MAX_TILT_DEG = 3.0
 
 #: Pixel spacing on the table, multiples of the profile's resolution, above which the grid is
 #: made coarser.
-_COARSER = 1.25
+_COARSER_RATIO = 1.25
 
 #: Radius of the morphological smoothing of the garment's mask, metres.
-_TIDY = 0.006
+_MASK_SMOOTHING_M = 0.006
 
 #: Height of a reading in front of a cell, metres, above which it occludes the cell.
-_OCCLUDES = 0.012
+_OCCLUSION_HEIGHT_M = 0.012
 
 #: Grey level of occluded cells.
 _UNKNOWN_GREY = 128
@@ -93,10 +93,10 @@ def range_map_from_capture(
     table, segmentation = segment_capture(capture, profile, seed=seed)
     seen = capture.depth > 0.0
     holes = 1.0 - float(np.mean(seen[segmentation.garment]))
-    if holes > _MOST_HOLES_ON_GARMENT:
+    if holes > _MAX_HOLE_FRACTION:
         raise InsufficientViewError(
             f"{capture.name}: insufficient view, {holes:.0%} of the garment has no reading, at "
-            f"most {_MOST_HOLES_ON_GARMENT:.0%} may lack; look again"
+            f"most {_MAX_HOLE_FRACTION:.0%} may lack; look again"
         )
     _log.info(
         "%s: table at %.3f m, %.2f mm RMS; garment found by %s",
@@ -207,10 +207,10 @@ def _posed(
     R_WC, p_WC = X_WC[:3, :3], X_WC[:3, 3]
     normal_W = R_WC @ table.normal_C
     lean = float(np.degrees(np.arccos(np.clip(normal_W[2], -1.0, 1.0))))
-    if lean > _MOST_LEAN:
+    if lean > _MAX_TILT_DEG:
         raise InputError(
             f"{capture.name}: by the camera's pose the table leans by {lean:.1f} degrees, at most "
-            f"{_MOST_LEAN:.0f} are plausible; check the pose, or leave it out"
+            f"{_MAX_TILT_DEG:.0f} are plausible; check the pose, or leave it out"
         )
     seen = garment & (capture.depth > 0.0)
     middle = points_C[seen].mean(axis=0)
@@ -227,12 +227,12 @@ def _gridded(
 ) -> RangeMap:
     """Average the heights above the table into the metric grid, with mask and colour."""
     camera = capture.camera
-    usable = (table.depth > 0.0) & (table.height > -max(_DEEPEST, 8.0 * profile.depth_noise))
+    usable = (table.depth > 0.0) & (table.height > -max(_MAX_DEPTH_M, 8.0 * profile.depth_noise))
     plan = placed.plan()
     on_garment = plan[segmentation.garment & usable]
     spacing = table.distance / min(camera.fx, camera.fy)
     resolution = profile.resolution
-    if spacing > _COARSER * resolution:
+    if spacing > _COARSER_RATIO * resolution:
         resolution = float(np.ceil(spacing * 1e4) / 1e4)
         _log.warning(
             "%s: pixels lie %.1f mm apart on the table, coarser than the grid of %.1f mm; "
@@ -243,7 +243,7 @@ def _gridded(
             1e3 * resolution,
         )
     try:
-        grid = Grid.over(on_garment[:, 0], on_garment[:, 1], resolution, _MARGIN)
+        grid = Grid.over(on_garment[:, 0], on_garment[:, 1], resolution, _MAP_MARGIN_M)
     except ValueError as error:
         raise InputError(f"{capture.name}: {error}; check the camera's intrinsics") from None
     xy = plan[usable]
@@ -260,9 +260,9 @@ def _gridded(
     # shows something nearer to the camera.
     looked_at = _sampled(segmentation.garment.astype(np.float32), pixels, cv2.BORDER_CONSTANT)
     in_front = _sampled(table.height.astype(np.float32), pixels, cv2.BORDER_CONSTANT)
-    hidden = ~valid & (in_front > _OCCLUDES)
+    hidden = ~valid & (in_front > _OCCLUSION_HEIGHT_M)
     share = np.where(valid, averages[..., 1], np.where(hidden, 0.0, looked_at))
-    garment = one_piece(share > 0.5, max(2, round(_TIDY / resolution)))
+    garment = one_piece(share > 0.5, max(2, round(_MASK_SMOOTHING_M / resolution)))
     colour = None
     if segmentation.colour is not None:
         colour = _sampled(segmentation.colour, pixels, cv2.BORDER_REPLICATE)

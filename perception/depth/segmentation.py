@@ -19,26 +19,26 @@ from unwrinkle.perception.depth.color_registration import align_colour
 from unwrinkle.perception.sensor import NoiseProfile
 
 #: Width of the image that GrabCut works on, pixels.
-_WORK_WIDTH = 320
+_WORK_WIDTH_PX = 320
 
 #: Threads for the competing cuts.
 _WORKERS = 2
 
 #: Least area of a garment, fraction of the view.
-_LEAST_AREA = 0.004
+_MIN_AREA_FRACTION = 0.004
 
 #: Least number of pixels of each of GrabCut's mixture models.
-_LEAST_SAMPLES = 20
+_MIN_SAMPLES = 20
 
 #: Largest area of a garment, fraction of the view: the table must be visible around it.
-_LARGEST_AREA = 0.92
+_MAX_AREA_FRACTION = 0.92
 
 #: Least fraction of the depth core inside a colour cut; below it depth alone decides.
-_LEAST_CORE_KEPT = 0.85
+_MIN_CORE_FRACTION = 0.85
 
 #: Odds of the colour ratio for the starts of the first cut; several, because the assumed
 #: background may contain much of the garment.
-_ODDS = (1.0, 2.0, 4.0)
+_START_ODDS = (1.0, 2.0, 4.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ def segment(
     garment = depth_mask
     if image is not None:
         cut = _grab_cut(image, core, depth_mask, pictured, seed)
-        if np.count_nonzero(cut & core) >= _LEAST_CORE_KEPT * np.count_nonzero(core):
+        if np.count_nonzero(cut & core) >= _MIN_CORE_FRACTION * np.count_nonzero(core):
             garment = cut
         else:
             image, alignment, method = (image if registered else None), None, "depth"
@@ -127,7 +127,7 @@ def segment(
         method = "depth"
     garment = one_piece(garment)
     share = np.count_nonzero(garment) / garment.size
-    if share > _LARGEST_AREA:
+    if share > _MAX_AREA_FRACTION:
         raise InsufficientViewError(
             f"{name}: the garment fills {share:.0%} of the view; the table must be seen around it"
         )
@@ -151,7 +151,7 @@ def _blur_radius(shape: tuple[int, ...], profile: NoiseProfile) -> float:
 
 
 def _least_area(size: int) -> int:
-    return int(_LEAST_AREA * size)
+    return int(_MIN_AREA_FRACTION * size)
 
 
 def _by_depth(smooth: NDArray[np.float32], seen: Mask, profile: NoiseProfile) -> tuple[Mask, Mask]:
@@ -183,14 +183,14 @@ def _resize(mask: Mask, size: tuple[int, int]) -> Mask:
 
 
 def _small(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    scale = min(1.0, _WORK_WIDTH / image.shape[1])
+    scale = min(1.0, _WORK_WIDTH_PX / image.shape[1])
     size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def _run_grab_cut(image: NDArray[np.uint8], labels: NDArray[np.uint8], seed: int) -> Mask:
     start: Mask = (labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)
-    if min(np.count_nonzero(start), np.count_nonzero(~start)) < _LEAST_SAMPLES:
+    if min(np.count_nonzero(start), np.count_nonzero(~start)) < _MIN_SAMPLES:
         return start  # too few samples for one of the mixture models
     cv2.setRNGSeed(seed)
     lab = cv2.cvtColor(image, cv2.COLOR_RGB2LAB)
@@ -223,7 +223,7 @@ def _grab_cut_first(colour: NDArray[np.uint8], core: Mask, mask: Mask, seed: int
         mask = one_piece(_run_grab_cut(small, labels, seed))
         return _edge_strength(lab, mask), mask
 
-    starts = [_resize(mask, size), *(odds * ratio > 1.0 for odds in _ODDS)]
+    starts = [_resize(mask, size), *(odds * ratio > 1.0 for odds in _START_ODDS)]
     with ThreadPoolExecutor(_WORKERS) as pool:  # OpenCV's random state is per thread
         score, best = max(pool.map(cut, starts), key=lambda scored: scored[0])
     if score <= -1.0:

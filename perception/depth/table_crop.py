@@ -14,10 +14,10 @@ from unwrinkle.models import InputError
 from unwrinkle.perception.depth.capture import Capture
 
 #: Depth below the table's top, metres, beyond which readings are removed.
-_BELOW = 0.05
+_MAX_DEPTH_M = 0.05
 
 #: Least width and height of the window, pixels.
-_LEAST_PIXELS = 32
+_MIN_SIDE_PX = 32
 
 
 def crop_to_table(
@@ -51,7 +51,7 @@ def crop_to_table(
     shape = np.array([camera.width, camera.height])
     low = np.clip(np.floor(pixels.min(axis=0)).astype(int), 0, shape)
     high = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + 1, 0, shape)
-    if (high - low < _LEAST_PIXELS).any():
+    if (high - low < _MIN_SIDE_PX).any():
         raise InputError(
             f"{capture.name}: the table is not in view; check the camera's pose, or turn it there"
         )
@@ -59,7 +59,7 @@ def crop_to_table(
     x, y = (axis[window] for axis in camera.rays())
     depth = np.array(capture.depth[window])
     level = depth * (R_WC[2, 0] * x + R_WC[2, 1] * y + R_WC[2, 2]) + p_WC[2]
-    depth[level < centre[2] - _BELOW] = 0.0
+    depth[level < centre[2] - _MAX_DEPTH_M] = 0.0
     registered = capture.colour is not None and capture.colour_registered
     return Capture(
         depth=depth,

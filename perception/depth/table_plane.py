@@ -18,19 +18,19 @@ from unwrinkle.perception.sensor import NoiseProfile
 _TRIALS = 600
 
 #: Readings on which a trial is scored.
-_SAMPLES = 8000
+_SCORED_READINGS = 8000
 
 #: Limit of the readings in the least-squares fit.
-_FIT_SAMPLES = 80_000
+_MAX_FIT_READINGS = 80_000
 
 #: Least fraction of the readings on the plane.
-_LEAST_TABLE = 0.08
+_MIN_TABLE_FRACTION = 0.08
 
 #: Largest angle between the view and the table's normal, degrees.
-_STEEPEST = 60.0
+_MAX_VIEW_ANGLE_DEG = 60.0
 
 #: Least fraction of a column's pixels on the table for a bias of its own.
-_LEAST_PER_COLUMN = 0.08
+_MIN_COLUMN_FRACTION = 0.08
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +85,8 @@ def fit_table(
         )
     rng = np.random.default_rng(seed)
     rows, columns = np.nonzero(usable)
-    if rows.size > _FIT_SAMPLES:
-        pick = rng.choice(rows.size, _FIT_SAMPLES, replace=False)
+    if rows.size > _MAX_FIT_READINGS:
+        pick = rng.choice(rows.size, _MAX_FIT_READINGS, replace=False)
         rows, columns = rows[pick], columns[pick]
     inverse = 1.0 / np.asarray(depth, dtype=float)[rows, columns]
     rays = np.column_stack([x[rows, columns], y[rows, columns], np.ones(rows.size)])
@@ -95,7 +95,7 @@ def fit_table(
     for _ in range(8):
         height = _heights(rays, inverse, plane)
         on = (height > -3.0 * band) & (height < band)
-        if np.count_nonzero(on) < _LEAST_TABLE * rows.size:
+        if np.count_nonzero(on) < _MIN_TABLE_FRACTION * rows.size:
             raise InsufficientViewError(
                 f"{name}: no table plane found (only "
                 f"{np.count_nonzero(on) / rows.size:.0%} of the readings agree on one); "
@@ -104,10 +104,10 @@ def fit_table(
         plane = np.asarray(np.linalg.lstsq(rays[on], inverse[on], rcond=None)[0], dtype=float)
     length = float(np.linalg.norm(plane))
     tilt = np.degrees(np.arccos(np.clip(plane[2] / length, -1.0, 1.0)))
-    if tilt > _STEEPEST:
+    if tilt > _MAX_VIEW_ANGLE_DEG:
         raise InsufficientViewError(
             f"{name}: the table is seen at {tilt:.0f} degrees from straight above, "
-            f"at most {_STEEPEST:.0f} are usable; look from further above"
+            f"at most {_MAX_VIEW_ANGLE_DEG:.0f} are usable; look from further above"
         )
     full_inverse = np.zeros(depth.shape)
     full_inverse[seen] = 1.0 / np.asarray(depth, dtype=float)[seen]
@@ -135,7 +135,7 @@ def _consensus(
     band: float,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
-    pick = rng.choice(inverse.size, min(_SAMPLES, inverse.size), replace=False)
+    pick = rng.choice(inverse.size, min(_SCORED_READINGS, inverse.size), replace=False)
     rays, inverse = rays[pick], inverse[pick]
     best, best_score = np.array([0.0, 0.0, np.median(inverse)]), -np.inf
     for _ in range(_TRIALS):
@@ -171,7 +171,7 @@ def _bias(
     powers = [
         (i, j) for i in range(profile.bias_degree + 1) for j in range(profile.bias_degree + 1 - i)
     ]
-    step = max(1, int(np.sqrt(residual.size / _FIT_SAMPLES)))
+    step = max(1, int(np.sqrt(residual.size / _MAX_FIT_READINGS)))
     thin = (slice(None, None, step), slice(None, None, step))
     for _ in range(4):
         rest = residual - bias
@@ -192,7 +192,7 @@ def _bias(
 def _columns(rest: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the median error per column, interpolated over columns with little table in view."""
     count = np.count_nonzero(np.isfinite(rest), axis=0)
-    good = count >= _LEAST_PER_COLUMN * rest.shape[0]
+    good = count >= _MIN_COLUMN_FRACTION * rest.shape[0]
     if np.count_nonzero(good) < 2:
         return np.zeros((1, rest.shape[1]))
     medians = np.nanmedian(rest[:, good], axis=0)

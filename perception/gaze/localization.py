@@ -16,31 +16,31 @@ from unwrinkle.models import InputError
 from unwrinkle.perception.features import Homography, Points, Template, View, find, mapped, template
 
 #: Sides of the Lucas-Kanade windows, pixels; the larger one if the smaller has too little texture.
-_WINDOWS = (31, 61)
+_WINDOWS_PX = (31, 61)
 
 #: Pyramid levels of Lucas-Kanade.
-_LEVELS = 2
+_PYRAMID_LEVELS = 2
 
 #: Side of the window of the affine refinement, pixels.
-_AFFINE_WINDOW = 41
+_AFFINE_WINDOW_PX = 41
 
 #: Limit of the affine refinement's shift, pixels.
-_MOST_REST = 4.0
+_MAX_REFINEMENT_PX = 4.0
 
 #: Half size of the crop around the expected position, pixels.
-_CROP = 160
+_CROP_HALF_PX = 160
 
 #: Least correlation of the windows.
-_LEAST_CORRELATION = 0.6
+_MIN_CORRELATION = 0.6
 
 #: Limit of the shift from the position by the matches, pixels.
-_FARTHEST_SHIFT = 60.0
+_MAX_SHIFT_PX = 60.0
 
 #: Sigma of the smoothing, pixels: the sensor's noise is finer than the cloth's texture.
-_BLUR = 1.0
+_BLUR_SIGMA_PX = 1.0
 
 #: Half sizes of the surroundings that are matched between the eyes, fractions of the image width.
-_REGIONS = (1 / 8, 1 / 4, 1.0)
+_REGION_FRACTIONS = (1 / 8, 1 / 4, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class Sighting:
     @property
     def sharp(self) -> bool:
         """Whether the position is accurate to a fraction of a pixel."""
-        return self.correlation >= _LEAST_CORRELATION
+        return self.correlation >= _MIN_CORRELATION
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def locate(target: Template, scene: View) -> Sighting | NotSeen:
     pixel = mapped(H, target.centre)
     if not np.isfinite(pixel).all():
         return NotSeen(f"{target.name}: its centre is far outside the image")
-    for window in _WINDOWS:
+    for window in _WINDOWS_PX:
         aligned = _align(target, H, pixel, scene.grey, window)
         if aligned is not None:
             return Sighting(aligned[0], inliers, aligned[1], H)
@@ -105,7 +105,7 @@ def correspond(source: View, pixel: Points, scene: View) -> Sighting | NotSeen:
     height, width = source.grey.shape
     if not (0.0 <= pixel[0] <= width - 1.0 and 0.0 <= pixel[1] <= height - 1.0):
         return NotSeen(f"the point is outside the other eye's image, at {np.round(pixel)}")
-    for region in _REGIONS:
+    for region in _REGION_FRACTIONS:
         reach = region * width
         box = (pixel[0] - reach, pixel[1] - reach, pixel[0] + reach, pixel[1] + reach)
         try:
@@ -127,8 +127,8 @@ def _align(
     if not (half <= pixel[0] <= width - 1 - half and half <= pixel[1] <= height - 1 - half):
         return None
     u, v = floor(pixel[0] + 0.5), floor(pixel[1] + 0.5)
-    u0, v0 = max(u - _CROP, 0), max(v - _CROP, 0)
-    crop = grey[v0 : v + _CROP + 1, u0 : u + _CROP + 1]
+    u0, v0 = max(u - _CROP_HALF_PX, 0), max(v - _CROP_HALF_PX, 0)
+    crop = grey[v0 : v + _CROP_HALF_PX + 1, u0 : u + _CROP_HALF_PX + 1]
     to_crop = np.array([[1.0, 0.0, -u0], [0.0, 1.0, -v0], [0.0, 0.0, 1.0]])
     size = (crop.shape[1], crop.shape[0])
     expected = cv2.warpPerspective(
@@ -137,11 +137,11 @@ def _align(
     a, b = (_normalised(np.asarray(image)) for image in (expected, crop))
     start = (pixel - [u0, v0]).astype(np.float32).reshape(1, 1, 2)
     end, found, _ = cv2.calcOpticalFlowPyrLK(
-        a, b, start, start.copy(), winSize=(window, window), maxLevel=_LEVELS,
+        a, b, start, start.copy(), winSize=(window, window), maxLevel=_PYRAMID_LEVELS,
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW, criteria=(3, 30, 0.005),
     )  # fmt: skip
     shift = np.asarray(end, dtype=float).ravel() - start.ravel()
-    if not found.ravel()[0] or np.abs(shift).max() > _FARTHEST_SHIFT:
+    if not found.ravel()[0] or np.abs(shift).max() > _MAX_SHIFT_PX:
         return None
     pieces = [
         np.asarray(cv2.getRectSubPix(image, (window, window), place), dtype=float)
@@ -152,7 +152,7 @@ def _align(
         return None
     correlation = float(np.mean((pieces[0] - pieces[0].mean()) * (pieces[1] - pieces[1].mean())))
     correlation /= spread
-    if correlation < _LEAST_CORRELATION:
+    if correlation < _MIN_CORRELATION:
         return None
     return pixel + shift + _affine_rest(a, b, start.ravel(), end.ravel()), correlation
 
@@ -161,19 +161,19 @@ def _affine_rest(
     a: NDArray[np.uint8], b: NDArray[np.uint8], start: Points, end: Points
 ) -> NDArray[np.float64]:
     """Return the residual shift (2,), pixels, of an affine ECC alignment of the windows."""
-    middle = 0.5 * (_AFFINE_WINDOW - 1)
-    piece = cv2.getRectSubPix(a, (_AFFINE_WINDOW, _AFFINE_WINDOW), start.tolist())
+    middle = 0.5 * (_AFFINE_WINDOW_PX - 1)
+    piece = cv2.getRectSubPix(a, (_AFFINE_WINDOW_PX, _AFFINE_WINDOW_PX), start.tolist())
     warp = np.array([[1.0, 0.0, end[0] - middle], [0.0, 1.0, end[1] - middle]], dtype=np.float32)
     try:
         _, warp = cv2.findTransformECC(piece, b, warp, cv2.MOTION_AFFINE, (3, 40, 1e-4), None, 1)
     except cv2.error:  # does not converge
         return np.zeros(2)
     rest = np.asarray(warp[:, :2] @ [middle, middle] + warp[:, 2] - end, dtype=float)
-    return rest if np.abs(rest).max() < _MOST_REST else np.zeros(2)
+    return rest if np.abs(rest).max() < _MAX_REFINEMENT_PX else np.zeros(2)
 
 
 def _normalised(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Normalise mean and contrast: gains and lighting differ between the eyes."""
-    smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), _BLUR), dtype=np.float32)
+    smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), _BLUR_SIGMA_PX), dtype=np.float32)
     smooth = (smooth - smooth.mean()) * (40.0 / max(float(smooth.std()), 1.0)) + 128.0
     return np.clip(np.rint(smooth), 0.0, 255.0).astype(np.uint8)

@@ -27,16 +27,16 @@ TOLERANCE = radians(0.020)
 
 #: Fraction of the tolerance at which the loop stops; the rest allows for measurement errors (about
 #: a pixel on the slope of a wrinkle).
-_STOP = 0.65
+_STOP_FRACTION = 0.65
 
 #: Distance between the rays of both eyes, metres, below which their intersection is used.
-_NEAR_MISS = 0.002
+_MAX_RAY_DISTANCE_M = 0.002
 
 #: Largest distance of that intersection from the stated surface, metres.
-_BAND = 0.15
+_MAX_SURFACE_DISTANCE_M = 0.15
 
 #: Least slope of a ray (sine) for its intersection with the surface.
-_SHALLOW = 0.05
+_MIN_RAY_SLOPE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +112,7 @@ def surface_point(
     direction = X_WC[:3, :3] @ ray(camera, pixel)
     eye = X_WC[:3, 3]
     drop = height - eye[2]
-    if drop * direction[2] <= 0.0 or abs(direction[2]) < _SHALLOW * np.linalg.norm(direction):
+    if drop * direction[2] <= 0.0 or abs(direction[2]) < _MIN_RAY_SLOPE * np.linalg.norm(direction):
         return None
     return np.asarray(eye + drop / direction[2] * direction)
 
@@ -218,7 +218,7 @@ def measure_gaze(
         right=seen[1],
         left_offset=offsets[0],
         right_offset=offsets[1],
-        centred=sharp and max(offsets) <= _STOP * tolerance,
+        centred=sharp and max(offsets) <= _STOP_FRACTION * tolerance,
         next=following,
         reason=reason,
     )
@@ -310,7 +310,11 @@ def _following(
     if isinstance(seen[0], Sighting) and isinstance(seen[1], Sighting):
         met = crossing(head, poses, seen[0].pixel, seen[1].pixel)
         # Rays that miss each other show an error of the head's calibration: do not intersect them.
-        if met is not None and met[1] < _NEAR_MISS and abs(met[0][2] - height) < _BAND:
+        if (
+            met is not None
+            and met[1] < _MAX_RAY_DISTANCE_M
+            and abs(met[0][2] - height) < _MAX_SURFACE_DISTANCE_M
+        ):
             points = [met[0], met[0]]
     known = [point for point in points if point is not None]
     if not known:

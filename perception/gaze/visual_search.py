@@ -30,28 +30,28 @@ from unwrinkle.perception.features import (
 _RATIO = 0.85
 
 #: Largest distance of votes in a cluster, fraction of the instance's size.
-_NEAR_PLACE = 0.3
+_CLUSTER_DISTANCE = 0.3
 
 #: Largest difference of scale in a cluster, octaves.
-_NEAR_SCALE = 0.7
+_CLUSTER_SCALE_OCTAVES = 0.7
 
 #: Largest difference of rotation in a cluster, radians.
-_NEAR_TURN = np.radians(30.0)
+_CLUSTER_TURN_RAD = np.radians(30.0)
 
 #: Least number of votes of a cluster.
-_LEAST_VOTES = 4
+_MIN_VOTES = 4
 
 #: Inlier tolerance of a homography, pixels of the reduced image; cloth is not planar.
-_TOLERANCE = 3.0
+_TOLERANCE_PX = 3.0
 
 #: Intersection over union above which two detections are the same object.
-_SAME = 0.3
+_SAME_OBJECT_IOU = 0.3
 
 #: Limit of the instances of a template.
-_MOST_INSTANCES = 50
+_MAX_INSTANCES = 50
 
 #: Limit of the votes that clusters are formed around.
-_MOST_SEEDS = 400
+_MAX_SEEDS = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,13 +102,13 @@ def search(
     """
     if not templates:
         raise InputError("visual search: no template; say what to look for")
-    if least < _LEAST_VOTES:
+    if least < _MIN_VOTES:
         raise InputError(f"visual search: {least} matches determine nothing, at least 4 do")
     found = [instance for thing in templates for instance in _instances(scene, thing, least)]
     found.sort(key=lambda instance: -instance.inliers)
     kept: list[Instance] = []
     for instance in found:
-        if all(_overlap(instance.corners, other.corners) < _SAME for other in kept):
+        if all(_overlap(instance.corners, other.corners) < _SAME_OBJECT_IOU for other in kept):
             kept.append(instance)
     return tuple(kept)
 
@@ -118,20 +118,20 @@ def _instances(scene: View, thing: Template, least: int) -> list[Instance]:
     pairs = matches(scene.features, thing.features, ratio=_RATIO, mutual=False)
     votes = _votes(scene, thing, pairs)
     p, q = thing.features.points[pairs[:, 1]], scene.features.points[pairs[:, 0]]
-    seeds = np.unique(np.linspace(0, len(pairs) - 1, min(len(pairs), _MOST_SEEDS)).astype(int))
+    seeds = np.unique(np.linspace(0, len(pairs) - 1, min(len(pairs), _MAX_SEEDS)).astype(int))
     near = _near(votes[seeds], votes, thing)
     untried = np.ones(len(seeds), dtype=bool)
     left = np.ones(len(pairs), dtype=bool)  # matches not yet assigned to an instance
-    tolerance = _TOLERANCE * scene.factor
+    tolerance = _TOLERANCE_PX * scene.factor
     found: list[Instance] = []
-    while len(found) < _MOST_INSTANCES:
+    while len(found) < _MAX_INSTANCES:
         counts = np.where(untried & left[seeds], near[:, left].sum(axis=1), 0)
-        if len(counts) == 0 or counts.max() < _LEAST_VOTES:
+        if len(counts) == 0 or counts.max() < _MIN_VOTES:
             break
         peak = int(np.argmax(counts))
         untried[peak] = False
         cluster = near[peak] & left
-        fitted = mapping(p[cluster], q[cluster], tolerance=tolerance, least=_LEAST_VOTES)
+        fitted = mapping(p[cluster], q[cluster], tolerance=tolerance, least=_MIN_VOTES)
         if fitted is None:
             continue
         agree = left & _agree(fitted[0], p, q, tolerance)
@@ -166,11 +166,11 @@ def _near(
     """Return the mask (m, n) of votes (n, 4) close to the pose of each seed (m, 4)."""
     size = float(np.linalg.norm(thing.corners[2] - thing.corners[0])) / sqrt(2.0)
     apart = votes[None, :] - seeds[:, None]
-    reach = _NEAR_PLACE * size * 2.0 ** seeds[:, 2]
+    reach = _CLUSTER_DISTANCE * size * 2.0 ** seeds[:, 2]
     turned = np.abs((apart[..., 3] + np.pi) % (2.0 * np.pi) - np.pi)
     place = np.hypot(apart[..., 0], apart[..., 1])
-    close = (place < reach[:, None]) & (turned < _NEAR_TURN)
-    return np.asarray(close & (np.abs(apart[..., 2]) < _NEAR_SCALE))
+    close = (place < reach[:, None]) & (turned < _CLUSTER_TURN_RAD)
+    return np.asarray(close & (np.abs(apart[..., 2]) < _CLUSTER_SCALE_OCTAVES))
 
 
 def _agree(H: Homography, p: Points, q: Points, tolerance: float) -> NDArray[np.bool_]:

@@ -19,13 +19,13 @@ from unwrinkle.perception.stereo.matching import match
 _log = logging.getLogger(__name__)
 
 #: Size of the random images, pixels: 1/16 of the head's images, which runs every matcher stage.
-_SHAPE = (816, 1232)
+_IMAGE_SHAPE = (816, 1232)
 
 #: Disparity of the random images, pixels.
-_SHIFT = 4
+_DISPARITY_PX = 4
 
 #: Timeout of the child process, s.
-_LONGEST = 300.0
+_TIMEOUT_S = 300.0
 
 
 def compiled() -> bool:
@@ -49,7 +49,7 @@ def ensure_compiled() -> bool:
     _log.info("compiling the stereo matcher, once")
     command = [sys.executable, "-c", f"from {__name__} import compile_kernels; compile_kernels()"]
     try:
-        subprocess.run(command, check=True, capture_output=True, timeout=_LONGEST)
+        subprocess.run(command, check=True, capture_output=True, timeout=_TIMEOUT_S)
     except (OSError, subprocess.SubprocessError) as error:
         _log.warning("the stereo matcher could not be compiled beforehand: %s", error)
     return True
@@ -57,10 +57,10 @@ def ensure_compiled() -> bool:
 
 def compile_kernels() -> None:
     """Match a pair of random images, which compiles every kernel that is not in the cache."""
-    noise = np.random.default_rng(0).uniform(0.0, 255.0, _SHAPE).astype(np.float32)
+    noise = np.random.default_rng(0).uniform(0.0, 255.0, _IMAGE_SHAPE).astype(np.float32)
     grey = cv2.GaussianBlur(noise, (0, 0), 1.5)
     left = np.asarray(cv2.normalize(grey, None, 20, 235, cv2.NORM_MINMAX), dtype=np.uint8)
-    match(left, np.roll(left, -_SHIFT, axis=1), -2 * _SHIFT, 2 * _SHIFT)
+    match(left, np.roll(left, -_DISPARITY_PX, axis=1), -2 * _DISPARITY_PX, 2 * _DISPARITY_PX)
 
 
 def _folders(module: object) -> set[str]:

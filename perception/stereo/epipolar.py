@@ -26,31 +26,31 @@ from unwrinkle.perception.stereo.rectification import Rectification, camera_rays
 LARGEST_ROW_ANGLE = 0.0008
 
 #: Limit of either component of the corrected rotation, radians.
-_LARGEST_TURN = 0.0016
+_MAX_TURN_RAD = 0.0016
 
 #: Least number of matches.
-_LEAST_MATCHES = 16
+_MIN_MATCHES = 16
 
 #: Least fraction of the matches that agree on one small rotation.
-_LEAST_SHARE = 0.5
+_MIN_INLIER_FRACTION = 0.5
 
 #: Expected rotation, radians: about x from the units' steps, about z from the calibration.
-_EXPECTED_TURN = np.array([0.0002, 0.00005])
+_EXPECTED_TURN_RAD = np.array([0.0002, 0.00005])
 
 #: Residual of the prior at the expected rotation, pixels.
-_MATCH_ERROR = 3.0
+_PRIOR_RESIDUAL_PX = 3.0
 
 #: Row error, as a tangent, above which a match is a gross outlier.
-_GROSS = 0.02
+_GROSS_ROW_ERROR = 0.02
 
 #: Limit of the features of an image.
-_MOST_FEATURES = 600
+_MAX_FEATURES = 600
 
 #: Side of the Lucas-Kanade window, pixels.
-_WINDOW = 21
+_WINDOW_PX = 21
 
 #: Scale of the images in which matches are refined over those in which they are detected.
-_FINER = 3
+_REFINEMENT_SCALE = 3
 
 _log = logging.getLogger(__name__)
 
@@ -87,16 +87,16 @@ def corrected_rectification(
             angles does not explain.
     """
     p, q = _matches(left, right)
-    if len(p) < _LEAST_MATCHES:
+    if len(p) < _MIN_MATCHES:
         raise EpipolarError(
             f"{name}: the eyes have only {len(p)} features in common, at least "
-            f"{_LEAST_MATCHES} wanted; do both see the table, in focus and at the same time?"
+            f"{_MIN_MATCHES} wanted; do both see the table, in focus and at the same time?"
         )
     rays_l = _rays(p, rectification.left, rectification.R_CL)
     rays_r = _rays(q, rectification.right, rectification.R_CR)
     rows = _rows(rays_l) - _rows(rays_r)
-    near = np.abs(rows) < _GROSS
-    if np.mean(near) < _LEAST_SHARE:
+    near = np.abs(rows) < _GROSS_ROW_ERROR
+    if np.mean(near) < _MIN_INLIER_FRACTION:
         _refuse(p, q, rows, rectification, name)
     # Row change of a right ray under a small rotation (wx, wz): -(1 + y^2) wx + x wz.
     x, y = rays_r[near, 0] / rays_r[near, 2], _rows(rays_r[near])
@@ -109,7 +109,7 @@ def corrected_rectification(
     def doubted(turn: NDArray[np.float64]) -> NDArray[np.float64]:
         # Errors of matches are correlated (edges, wrinkles), so the prior on the rotation has more
         # weight than the number of matches suggests.
-        return np.concatenate([apart(turn), _MATCH_ERROR * scale * turn / _EXPECTED_TURN])
+        return np.concatenate([apart(turn), _PRIOR_RESIDUAL_PX * scale * turn / _EXPECTED_TURN_RAD])
 
     fit = least_squares(doubted, np.zeros(2), loss="soft_l1", f_scale=0.5 * scale)
     remaining = np.abs(apart(fit.x))
@@ -117,8 +117,8 @@ def corrected_rectification(
     row_error = float(np.median(np.abs(rows[near][agreeing])))
     share = np.count_nonzero(agreeing) / len(rows)
     wx, wz = (float(w) for w in fit.x)
-    too_far = row_error > LARGEST_ROW_ANGLE or max(abs(wx), abs(wz)) > _LARGEST_TURN
-    if too_far or share < _LEAST_SHARE:
+    too_far = row_error > LARGEST_ROW_ANGLE or max(abs(wx), abs(wz)) > _MAX_TURN_RAD
+    if too_far or share < _MIN_INLIER_FRACTION:
         _refuse(p, q, rows, rectification, name)
     turn, _ = cv2.Rodrigues(np.array([wx, 0.0, wz]))
     check = EpipolarCheck(
@@ -143,12 +143,12 @@ def _matches(
     left: NDArray[np.uint8], right: NDArray[np.uint8]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return matching pixels (n, 2) of both images: SIFT, then Lucas-Kanade at finer scale."""
-    views = [view(image, most=_MOST_FEATURES) for image in (left, right)]
+    views = [view(image, most=_MAX_FEATURES) for image in (left, right)]
     pairs = matches(views[0].features, views[1].features)
     p, q = (views[k].features.points[pairs[:, k]] for k in (0, 1))
     if len(p) == 0:
         return p, q
-    factor = max(1, views[0].factor // _FINER)
+    factor = max(1, views[0].factor // _REFINEMENT_SCALE)
     size = (left.shape[1] // factor, left.shape[0] // factor)
     finer = [
         cv2.resize(
@@ -162,11 +162,11 @@ def _matches(
         finer[1],
         starts,
         guesses.copy(),
-        winSize=(_WINDOW, _WINDOW),
+        winSize=(_WINDOW_PX, _WINDOW_PX),
         maxLevel=0,
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
-    keep = (found.ravel() > 0) & (np.abs(ends - guesses).max(axis=1) < _WINDOW / 2)
+    keep = (found.ravel() > 0) & (np.abs(ends - guesses).max(axis=1) < _WINDOW_PX / 2)
     return p[keep], ((np.asarray(ends, dtype=float) + 0.5) * factor - 0.5)[keep]
 
 

@@ -17,10 +17,10 @@ from unwrinkle.models.transforms import inverse, pose, transformed, turn
 from unwrinkle.perception.camera import Camera
 
 #: Limit of Newton iterations when aiming.
-_AIM_STEPS = 20
+_MAX_AIM_ITERATIONS = 20
 
 #: Tangent of the angle between optical axis and point at which aiming has converged.
-_AIMED = 1e-10
+_AIM_TOLERANCE = 1e-10
 
 
 @dataclass(frozen=True)
@@ -119,11 +119,11 @@ class Eye:
         p_BQ = transformed(inverse(self.X_RB), np.asarray(p_RQ, dtype=float))
         x, y, z = p_BQ - np.array(self.unit.pan_origin)
         angles = np.array([atan2(y, x), atan2(z, hypot(x, y))])
-        for _ in range(_AIM_STEPS):
+        for _ in range(_MAX_AIM_ITERATIONS):
             missed = self._off_axis(angles, p_BQ)
             if not np.isfinite(missed).all():
                 break
-            if np.abs(missed).max() < _AIMED:
+            if np.abs(missed).max() < _AIM_TOLERANCE:
                 pan, tilt = float(angles[0]), float(angles[1])
                 self.unit.check(pan, tilt, f"{self.name} eye, to look at {np.round(p_RQ, 3)}")
                 return pan, tilt

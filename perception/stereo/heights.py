@@ -10,7 +10,7 @@ from unwrinkle.perception.stereo.matching import Disparity
 from unwrinkle.perception.stereo.rectification import Rectification
 
 #: Accumulators, one per thread; more would cost memory.
-_PARTS = 2
+_ACCUMULATORS = 2
 
 
 def heights_on_grid(
@@ -54,8 +54,8 @@ def heights_on_grid(
             distance,
         ]
     )
-    weights = np.zeros((_PARTS, grid.ny, grid.nx), np.float32)
-    totals = np.zeros((_PARTS, grid.ny, grid.nx), np.float32)
+    weights = np.zeros((_ACCUMULATORS, grid.ny, grid.nx), np.float32)
+    totals = np.zeros((_ACCUMULATORS, grid.ny, grid.nx), np.float32)
     _splat(
         disparity.disparity,
         disparity.valid,

@@ -21,7 +21,7 @@ from unwrinkle.perception.stereo._kernels.refine import refine_disparity, scale_
 from unwrinkle.perception.stereo._kernels.upsample import upsample_cells
 
 #: Least width and height of an image, pixels.
-_SMALLEST = 64
+_MIN_SIDE_PX = 64
 
 
 @dataclass(frozen=True)
@@ -110,9 +110,9 @@ def _checked(left: Any, right: Any, lowest: float, highest: float) -> tuple[Imag
         )
     if left.dtype != np.uint8 or right.dtype != np.uint8:
         raise InputError(f"stereo pair: images are {left.dtype} and {right.dtype}, wanted uint8")
-    if min(left.shape) < _SMALLEST:
+    if min(left.shape) < _MIN_SIDE_PX:
         raise InputError(
-            f"stereo pair: images have shape {left.shape}, at least {_SMALLEST} pixels wanted"
+            f"stereo pair: images have shape {left.shape}, at least {_MIN_SIDE_PX} pixels wanted"
         )
     if not lowest < highest or max(-lowest, highest) > left.shape[1]:
         raise InputError(

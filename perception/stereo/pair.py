@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from unwrinkle.models import InputError
 
 #: Grey level below which a pixel is black.
-_DARK = 4
+_BLACK_LEVEL = 4
 
 #: Grey level above which a pixel is saturated.
-_BRIGHT = 251
+_SATURATED_LEVEL = 251
 
 #: Largest fraction of black, or of saturated, pixels.
-_MOST_SPOILT = 0.6
+_MAX_BAD_FRACTION = 0.6
 
 #: Least standard deviation of the grey levels.
-_LEAST_CONTRAST = 1.5
+_MIN_CONTRAST = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,10 +92,10 @@ def _thinned(image: NDArray[np.uint8]) -> NDArray[Any]:
 
 def _check_exposure(image: NDArray[Any], label: str) -> None:
     grey = image.mean(axis=2)
-    dark, bright = float(np.mean(grey < _DARK)), float(np.mean(grey > _BRIGHT))
-    if dark > _MOST_SPOILT:
+    dark, bright = float(np.mean(grey < _BLACK_LEVEL)), float(np.mean(grey > _SATURATED_LEVEL))
+    if dark > _MAX_BAD_FRACTION:
         raise InputError(f"{label} is black ({dark:.0%} of it); check its lens cap and exposure")
-    if bright > _MOST_SPOILT:
+    if bright > _MAX_BAD_FRACTION:
         raise InputError(f"{label} is saturated ({bright:.0%} of it); shorten its exposure")
-    if grey.std() < _LEAST_CONTRAST:
+    if grey.std() < _MIN_CONTRAST:
         raise InputError(f"{label} shows no structure (contrast {grey.std():.1f}); check its focus")

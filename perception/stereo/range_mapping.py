@@ -27,43 +27,43 @@ from unwrinkle.perception.stereo.speckle import remove_speckle
 from unwrinkle.perception.stereo.table_view import TableView
 
 #: Largest height above the table that is matched, metres.
-_TALLEST = 0.25
+_MAX_HEIGHT_M = 0.25
 
 #: Largest depth below the table that is matched, metres.
-_DEEPEST = 0.03
+_MAX_DEPTH_M = 0.03
 
 #: Margin around the table in the matched region, metres.
-_MARGIN = 0.03
+_TABLE_MARGIN_M = 0.03
 
 #: Rim of the table left out of the grid, metres: it may show the background.
-_RIM = 0.004
+_TABLE_RIM_M = 0.004
 
 #: Margin of the range map around the garment, metres.
-_AROUND = 0.05
+_MAP_MARGIN_M = 0.05
 
 #: Reduction of the depth image in which the table is fitted.
-_COARSE = 8
+_FIT_REDUCTION = 8
 
 #: Least width of that image, pixels.
-_COARSE_WIDTH = 400
+_FIT_WIDTH_PX = 400
 
 #: Distance below which the table is seen with the noise of profile "stereo", metres.
-_NEAR = 1.6
+_NEAR_DISTANCE_M = 1.6
 
 #: Least fraction of measured pixels in a reduced pixel.
-_HALF_SEEN = 0.5
+_MIN_MEASURED_FRACTION = 0.5
 
 #: Depth below a fitted plane, metres, of readings that show that the plane is a garment's.
-_UNDER = 0.001
+_BELOW_PLANE_M = 0.001
 
 #: Fraction of such readings above which the table is fitted to them instead.
-_LEAST_TABLE = 0.06
+_MIN_BELOW_FRACTION = 0.06
 
 #: Largest fraction of the table, or of the garment, without a match.
-_MOST_HOLES = 0.4
+_MAX_HOLE_FRACTION = 0.4
 
 #: Largest plausible tilt of the table, degrees.
-_MOST_LEAN = 2.0
+_MAX_TILT_DEG = 2.0
 
 #: Limit of the distance between the measured and the known table, metres: the effect of three
 #: steps of both units.
@@ -91,16 +91,16 @@ class KnownTable:
 
     def box(self) -> NDArray[np.float64]:
         """Return the corners (8, 3) of the matched space around the table's top."""
-        half = 0.5 * np.array(self.size) + _MARGIN
-        low = [*(self.centre - half), self.height - _DEEPEST]
-        high = [*(self.centre + half), self.height + _TALLEST]
+        half = 0.5 * np.array(self.size) + _TABLE_MARGIN_M
+        low = [*(self.centre - half), self.height - _MAX_DEPTH_M]
+        high = [*(self.centre + half), self.height + _MAX_HEIGHT_M]
         corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
         return np.asarray(corners, dtype=float)
 
     def grid(self, resolution: float) -> Grid:
         """Return the grid over the table's top, without its rim."""
-        x, y = np.array(self.centre) - 0.5 * np.array(self.size) + _RIM
-        nx, ny = (int((length - 2.0 * _RIM) / resolution) + 1 for length in self.size)
+        x, y = np.array(self.centre) - 0.5 * np.array(self.size) + _TABLE_RIM_M
+        nx, ny = (int((length - 2.0 * _TABLE_RIM_M) / resolution) + 1 for length in self.size)
         return Grid(float(x), float(y), nx, ny, resolution)
 
 
@@ -233,14 +233,14 @@ def table_heights(
         (found.X_WC[2, :3], float(found.X_WC[2, 3]) - table.height),
         grid,
         offset=offset,
-        band=(-_DEEPEST, _TALLEST),
+        band=(-_MAX_DEPTH_M, _MAX_HEIGHT_M),
     )
 
 
 def _profile(found: StereoMatch, table: KnownTable) -> NoiseProfile:
     """Return the noise profile for the distance of the table."""
     away = float(np.linalg.norm(np.array([*table.centre, table.height]) - found.X_WC[:3, 3]))
-    return noise_profile("stereo" if away < _NEAR else "stereo-head")
+    return noise_profile("stereo" if away < _NEAR_DISTANCE_M else "stereo-head")
 
 
 def _resolution(found: StereoMatch, table: KnownTable, profile: NoiseProfile, name: str) -> float:
@@ -263,16 +263,16 @@ def _resolution(found: StereoMatch, table: KnownTable, profile: NoiseProfile, na
 
 def _check_holes(garment: NDArray[np.bool_], valid: NDArray[np.bool_], name: str) -> None:
     holes = 1.0 - np.count_nonzero(garment & valid) / np.count_nonzero(garment)
-    if holes > _MOST_HOLES:
+    if holes > _MAX_HOLE_FRACTION:
         raise InsufficientViewError(
             f"{name}: insufficient view, {holes:.0%} of the garment could not be matched, at "
-            f"most {_MOST_HOLES:.0%} may lack; look again with more light or better focus"
+            f"most {_MAX_HOLE_FRACTION:.0%} may lack; look again with more light or better focus"
         )
 
 
 def _window(occupied: NDArray[np.bool_], resolution: float) -> slice:
     where = np.flatnonzero(occupied)
-    margin = round(_AROUND / resolution)
+    margin = round(_MAP_MARGIN_M / resolution)
     return slice(max(0, int(where[0]) - margin), int(where[-1]) + margin + 1)
 
 
@@ -311,7 +311,7 @@ def _reduced(
         InsufficientViewError: too little of the table could be matched.
     """
     camera = found.rectification.camera
-    factor = min(1.0, max(1.0 / _COARSE, _COARSE_WIDTH / camera.width))
+    factor = min(1.0, max(1.0 / _FIT_REDUCTION, _FIT_WIDTH_PX / camera.width))
     size = (round(camera.width * factor), round(camera.height * factor))
     valid = found.disparity.valid.astype(np.float32)
     weight = cv2.resize(valid, size, interpolation=cv2.INTER_AREA)
@@ -322,12 +322,12 @@ def _reduced(
     on_table = p_WC + rays * ((table.height - p_WC[2]) / rays[..., 2:])
     near = np.abs(on_table[..., :2] - table.centre) < 0.5 * np.array(table.size)
     expected = near.all(axis=-1)
-    seen = expected & (weight > _HALF_SEEN)
+    seen = expected & (weight > _MIN_MEASURED_FRACTION)
     holes = 1.0 - float(np.count_nonzero(seen)) / max(1.0, float(np.count_nonzero(expected)))
-    if holes > _MOST_HOLES:
+    if holes > _MAX_HOLE_FRACTION:
         raise InsufficientViewError(
             f"{name}: insufficient view, {holes:.0%} of the table could not be matched, at "
-            f"most {_MOST_HOLES:.0%} may lack; look again with more light or better focus"
+            f"most {_MAX_HOLE_FRACTION:.0%} may lack; look again with more light or better focus"
         )
     mean = np.divide(total, weight, out=np.zeros_like(total), where=seen)
     depth = np.where(seen, found.rectification.depth(mean), np.float32(0.0))
@@ -339,8 +339,8 @@ def _lowest_plane(
 ) -> TableFit:
     """Fit the table, even if a flat garment fills more of the view than the table."""
     fit = fit_table(depths, camera, profile, seed=seed, name=name)
-    below = (depths > 0.0) & (fit.height < -_UNDER)
-    if np.count_nonzero(below) > _LEAST_TABLE * np.count_nonzero(depths):
+    below = (depths > 0.0) & (fit.height < -_BELOW_PLANE_M)
+    if np.count_nonzero(below) > _MIN_BELOW_FRACTION * np.count_nonzero(depths):
         fit = fit_table(depths, camera, profile, exclude=~below, seed=seed, name=name)
     return fit
 
@@ -358,10 +358,10 @@ def _known_height(
     R_WC, p_WC = found.X_WC[:3, :3], found.X_WC[:3, 3]
     normal_W = R_WC @ fit.normal_C
     lean = float(np.degrees(np.arccos(np.clip(normal_W[2], -1.0, 1.0))))
-    if lean > _MOST_LEAN:
+    if lean > _MAX_TILT_DEG:
         raise InputError(
             f"{name}: by the head's angles the table leans by {lean:.1f} degrees, at most "
-            f"{_MOST_LEAN:.0f} are plausible; check the angles and the calibration"
+            f"{_MAX_TILT_DEG:.0f} are plausible; check the angles and the calibration"
         )
     towards = np.array([*table.centre, table.height]) - p_WC
     ray = (R_WC.T @ towards) / (R_WC[:, 2] @ towards)  # (x, y, 1) in C

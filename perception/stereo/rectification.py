@@ -21,29 +21,29 @@ from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.stereo._kernels.resample import Lattice, lattice, warp
 
 #: Least baseline, metres.
-_LEAST_BASELINE = 1e-4
+_MIN_BASELINE_M = 1e-4
 
 #: Least cosine of the angle between an optical axis and the rectified one.
-_MOST_TURN = 0.5
+_MIN_AXIS_COSINE = 0.5
 
 #: Least depth of the region of interest, metres.
-_NEAREST = 0.05
+_MIN_DEPTH_M = 0.05
 
 #: Least field of view of the rectified images, radians.
-_LEAST_VIEW = 0.04
+_MIN_VIEW_RAD = 0.04
 
 #: Pixels added to a range of disparities at either end.
-_SPARE = 1.0
+_DISPARITY_MARGIN_PX = 1.0
 
 #: Points along each side of an image's outline.
-_OUTLINE = 40
+_OUTLINE_POINTS = 40
 
 #: Limit of a rectified image's size, pixels.
-_LARGEST = 40_000_000
+_MAX_PIXELS = 40_000_000
 
 #: Width and height of the rectified images are multiples of this, pixels: whole cells at every
 #: scale of the matcher.
-_CELLS = 8
+_SIZE_MULTIPLE = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,13 +168,15 @@ class Rectification:
         """
         points = _region(points_L)
         depth = transformed(self.X_CL, points)[:, 2]
-        if depth.min() < _NEAREST:
+        if depth.min() < _MIN_DEPTH_M:
             raise InputError(
                 f"stereo pair: a point of the wanted region is at {depth.min():.3f} m before the "
-                f"cameras, at least {_NEAREST} m wanted; do the cameras look at it?"
+                f"cameras, at least {_MIN_DEPTH_M} m wanted; do the cameras look at it?"
             )
         values = self.disparity(depth)
-        return int(np.floor(values.min() - _SPARE)), int(np.ceil(values.max() + _SPARE))
+        return int(np.floor(values.min() - _DISPARITY_MARGIN_PX)), int(
+            np.ceil(values.max() + _DISPARITY_MARGIN_PX)
+        )
 
 
 def rectify(
@@ -213,10 +215,10 @@ def rectify(
     high = [points.max(axis=0) for points in outline]
     if region is not None:
         p_CQ = _region(region) @ R_CL.T
-        if p_CQ[:, 2].min() < _NEAREST:
+        if p_CQ[:, 2].min() < _MIN_DEPTH_M:
             raise InputError(
                 "stereo pair: the wanted region is behind the cameras or closer than "
-                f"{_NEAREST} m; check the gaze"
+                f"{_MIN_DEPTH_M} m; check the gaze"
             )
         for eye, offset in ((0, 0.0), (1, baseline)):
             scaled = focal * (p_CQ[:, :2] - [offset, 0.0]) / p_CQ[:, 2:]
@@ -231,12 +233,12 @@ def rectify(
         )
     middle = [0.5 * (low[eye][0] + high[eye][0]) for eye in (0, 1)]
     # Enlarge windows whose principal point or field of view `Camera` would refuse.
-    least = _LEAST_VIEW * focal
+    least = _MIN_VIEW_RAD * focal
     width = int(np.ceil(max(*widths, *np.abs(middle) + 2.0, least)))
     height = int(np.ceil(max(bottom - top, 0.5 * abs(top + bottom) + 2.0, least)))
     # Whole cells at every scale of the matcher, which then need not pad the images.
-    width, height = width + -width % _CELLS, height + -height % _CELLS
-    if width * height > _LARGEST:
+    width, height = width + -width % _SIZE_MULTIPLE, height + -height % _SIZE_MULTIPLE
+    if width * height > _MAX_PIXELS:
         raise InputError(
             f"stereo pair: the rectified images would have {width} x {height} pixels; "
             "the cameras look too far apart, check the gaze"
@@ -260,9 +262,9 @@ def _pinhole(width: int, height: int, focal: float, cx: float, cy: float) -> Cam
 def _rotations(X_LR: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     R_LR, p_LR = X_LR[:3, :3], X_LR[:3, 3]
     baseline = float(np.linalg.norm(p_LR))
-    if baseline < _LEAST_BASELINE:
+    if baseline < _MIN_BASELINE_M:
         raise InputError(
-            f"stereo pair: the cameras are {baseline:.2g} m apart, at least {_LEAST_BASELINE} m "
+            f"stereo pair: the cameras are {baseline:.2g} m apart, at least {_MIN_BASELINE_M} m "
             "wanted; is it twice the same camera?"
         )
     x = p_LR / baseline
@@ -272,7 +274,7 @@ def _rotations(X_LR: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64], fl
     if length > 1e-6:
         z = z / length
     least = min(z[2], float(z @ R_LR[:, 2]))
-    if length <= 1e-6 or least < _MOST_TURN:
+    if length <= 1e-6 or least < _MIN_AXIS_COSINE:
         raise InputError(
             "stereo pair: the cameras look apart, or along the line that joins them; check the "
             "angles of the pan-tilt units"
@@ -290,10 +292,10 @@ def _outline(
     camera: Camera, R_CE: NDArray[np.float64], focal: float, name: str
 ) -> NDArray[np.float64]:
     """Return the outline of an image in its rectified view, pixels from the optical axis."""
-    u = np.linspace(0.0, camera.width - 1.0, _OUTLINE)
-    v = np.linspace(0.0, camera.height - 1.0, _OUTLINE)
-    across = [np.column_stack([u, np.full(_OUTLINE, at)]) for at in (v[0], v[-1])]
-    down = [np.column_stack([np.full(_OUTLINE, at), v]) for at in (u[0], u[-1])]
+    u = np.linspace(0.0, camera.width - 1.0, _OUTLINE_POINTS)
+    v = np.linspace(0.0, camera.height - 1.0, _OUTLINE_POINTS)
+    across = [np.column_stack([u, np.full(_OUTLINE_POINTS, at)]) for at in (v[0], v[-1])]
+    down = [np.column_stack([np.full(_OUTLINE_POINTS, at), v]) for at in (u[0], u[-1])]
     pixels = np.concatenate(across + down)
     p_CQ = camera_rays(pixels, camera) @ R_CE.T
     if p_CQ[:, 2].min() < 0.05 * np.linalg.norm(p_CQ, axis=1).max():

@@ -8,16 +8,16 @@ import numpy as np
 from unwrinkle.perception.stereo.matching import Disparity
 
 #: Approximate width of the subsampled image on which components are labelled, pixels.
-_WIDTH = 600
+_LABEL_WIDTH_PX = 600
 
 #: Size of a component, as a fraction of the valid pixels, below which it is speckle.
-_SHARE = 0.01
+_SPECKLE_FRACTION = 0.01
 
 #: Largest disparity gradient within a component, pixels per pixel.
-_SLOPE = 0.5
+_MAX_GRADIENT = 0.5
 
 #: Fixed-point scale of OpenCV's speckle filter.
-_SIXTEENTHS = 16
+_FIXED_POINT = 16
 
 
 def remove_speckle(disparity: Disparity) -> Disparity:
@@ -26,13 +26,13 @@ def remove_speckle(disparity: Disparity) -> Disparity:
     The table fills most of the view, and a garment is connected to it. A component of less than 1 %
     of the valid pixels, separated by a disparity step, is neither.
     """
-    step = max(1, round(disparity.valid.shape[1] / _WIDTH))
+    step = max(1, round(disparity.valid.shape[1] / _LABEL_WIDTH_PX))
     valid = disparity.valid[::step, ::step]
-    scaled = np.rint(_SIXTEENTHS * disparity.disparity[::step, ::step])
+    scaled = np.rint(_FIXED_POINT * disparity.disparity[::step, ::step])
     nothing = -32768
     labelled = np.where(valid, np.clip(scaled, nothing + 1, 32767), nothing).astype(np.int16)
-    least = int(_SHARE * np.count_nonzero(valid))
-    cv2.filterSpeckles(labelled, nothing, least, _SIXTEENTHS * _SLOPE * step)
+    least = int(_SPECKLE_FRACTION * np.count_nonzero(valid))
+    cv2.filterSpeckles(labelled, nothing, least, _FIXED_POINT * _MAX_GRADIENT * step)
     dropped = valid & (labelled == nothing)
     if not dropped.any():
         return disparity

@@ -15,22 +15,22 @@ from unwrinkle.perception.height_grid import Grid
 from unwrinkle.perception.sensor import NoiseProfile
 
 #: Approximate cell size for the segmentation of the garment, metres.
-_COARSE = 0.002
+_COARSE_CELL_M = 0.002
 
 #: Least fraction of measured cells in a coarse cell.
-_HALF_SEEN = 0.5
+_MIN_MEASURED_FRACTION = 0.5
 
 #: Distance from the garment of the cells that the table's plane is fitted to, metres.
-_AWAY = 0.012
+_GARMENT_CLEARANCE_M = 0.012
 
 #: Outlier limit of that fit, multiples of the robust spread.
-_CLIP = 3.0
+_OUTLIER_CLIP = 3.0
 
 #: Limit of the cells in that fit.
-_SAMPLES = 60_000
+_MAX_FIT_CELLS = 60_000
 
 #: Least fraction of bare table cells.
-_LEAST_TABLE = 0.03
+_MIN_TABLE_FRACTION = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ class TableView:
         size = self._coarse_size
         weight = cv2.resize(self.valid.astype(np.float32), size, interpolation=cv2.INTER_AREA)
         total = cv2.resize(self.height, size, interpolation=cv2.INTER_AREA)
-        seen = weight > _HALF_SEEN
+        seen = weight > _MIN_MEASURED_FRACTION
         height = np.divide(total, weight, out=np.zeros_like(total), where=seen)
         small = np.asarray(cv2.resize(colour, size, interpolation=cv2.INTER_AREA), np.uint8)
         found = segment(height, seen, profile, colour=small, seed=seed, name=self.name)
@@ -90,16 +90,16 @@ class TableView:
         Raises:
             InsufficientViewError: too little bare table is measured.
         """
-        radius = round(_AWAY / self.grid.resolution)
+        radius = round(_GARMENT_CLEARANCE_M / self.grid.resolution)
         square = np.ones((2 * radius + 1,) * 2, np.uint8)
         away = np.asarray(cv2.dilate(garment.astype(np.uint8), square)) == 0
         rows, columns = np.nonzero(self.valid & away)
-        if rows.size < _LEAST_TABLE * garment.size:
+        if rows.size < _MIN_TABLE_FRACTION * garment.size:
             raise InsufficientViewError(
                 f"{self.name}: only {rows.size / garment.size:.1%} of the table is bare and seen, "
-                f"at least {_LEAST_TABLE:.0%} are needed to know its level; move the garment"
+                f"at least {_MIN_TABLE_FRACTION:.0%} are needed to know its level; move the garment"
             )
-        step = max(1, rows.size // _SAMPLES)
+        step = max(1, rows.size // _MAX_FIT_CELLS)
         rows, columns = rows[::step], columns[::step]
         terms = np.column_stack([columns, rows, np.ones(rows.size)]).astype(float)
         z = self.height[rows, columns]
@@ -109,14 +109,14 @@ class TableView:
             error = z - terms @ plane
             spread = float(np.sqrt(np.mean(error[keep] ** 2)))
             middle = float(np.median(np.abs(error)))
-            keep = np.abs(error) <= _CLIP * max(min(spread, 2.0 * middle), 1e-6)
+            keep = np.abs(error) <= _OUTLIER_CLIP * max(min(spread, 2.0 * middle), 1e-6)
         i, j = np.arange(self.grid.ny)[:, None], np.arange(self.grid.nx)
         level = plane[0] * j + plane[1] * i + plane[2]
         return np.where(self.valid, self.height - level, 0.0), spread
 
     @property
     def _coarse_size(self) -> tuple[int, int]:
-        factor = min(1.0, self.grid.resolution / _COARSE)
+        factor = min(1.0, self.grid.resolution / _COARSE_CELL_M)
         return max(2, round(self.grid.nx * factor)), max(2, round(self.grid.ny * factor))
 
     @cached_property

@@ -35,13 +35,13 @@ APART = 0.030
 LEAST_RISE = 0.001
 
 #: Sampling step of sections, metres.
-_STEP = 0.0005
+_STEP_M = 0.0005
 
 #: Iterations of finding the crest and the direction across it.
-_TURNS = 3
+_ITERATIONS = 3
 
 #: Limit of the candidates that are tried.
-_MOST = 20
+_MAX_CANDIDATES = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,8 +148,8 @@ def grasp_at(
     """
     at = np.array(point, dtype=float)
     place = f"at ({at[0]:.3f}, {at[1]:.3f})"
-    s = np.arange(-CREST_REACH, CREST_REACH + 0.5 * _STEP, _STEP)
-    for _ in range(_TURNS):
+    s = np.arange(-CREST_REACH, CREST_REACH + 0.5 * _STEP_M, _STEP_M)
+    for _ in range(_ITERATIONS):
         across = across_direction(surface, at)
         z, inside = _section(surface, at, across, s)
         if not inside[len(s) // 2]:
@@ -209,7 +209,7 @@ def _candidates(wrinkledness: Wrinkledness) -> list[tuple[float, Vector]]:
     radius = APART / wrinkledness.resolution
     rows, columns = np.indices(score.shape)
     found: list[tuple[float, Vector]] = []
-    while len(found) < _MOST:
+    while len(found) < _MAX_CANDIDATES:
         row, column = np.unravel_index(int(np.argmax(score)), score.shape)
         best = float(score[row, column])
         if best <= 0.0:
@@ -251,10 +251,10 @@ def _contour(
     surface: Surface, crest: Vector, outward: Vector, reach: float
 ) -> tuple[float, float] | None:
     """Return distance from the crest and height, metres, of the first inflection, or None."""
-    s = np.arange(0.0, reach, _STEP)
+    s = np.arange(0.0, reach, _STEP_M)
     z, inside = _section(surface, crest, outward, s)
-    slope = np.gradient(z, _STEP)
-    bend = np.gradient(slope, _STEP)
+    slope = np.gradient(z, _STEP_M)
+    bend = np.gradient(slope, _STEP_M)
     steep = np.minimum.accumulate(slope) < -0.02  # past the rounding of the crest itself
     found = np.flatnonzero((bend >= 0.0) & steep)
     if len(found) == 0 or not inside[: found[0] + 1].all():

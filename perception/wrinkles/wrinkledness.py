@@ -30,7 +30,7 @@ WINDOW = 33
 _NO_BIN = 255
 
 #: Least fraction of a window on the garment for its centre to be a grasp point.
-_LEAST_SHARE = 0.6
+_MIN_GARMENT_FRACTION = 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ def wrinkledness(surface: Surface, profile: NoiseProfile) -> Wrinkledness:
     share = cv2.boxFilter(
         surface.inside.astype(np.float32), -1, (window, window), borderType=cv2.BORDER_CONSTANT
     )
-    score[~surface.inside | (np.asarray(share) < _LEAST_SHARE)] = 0.0
+    score[~surface.inside | (np.asarray(share) < _MIN_GARMENT_FRACTION)] = 0.0
     score[~np.isfinite(score)] = 0.0
     point = None
     if score.max() > 0.0:

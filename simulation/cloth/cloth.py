@@ -56,7 +56,7 @@ QUIET_TIME = 0.1
 MOST_HAND_SPEED = 5.0
 
 #: Displacement of the held nodes below which a hand is at rest, m.
-_STILL = 1e-6
+_STILL_M = 1e-6
 
 Hands = Sequence[NDArray[np.floating[Any]] | None]
 
@@ -286,7 +286,7 @@ class Cloth:
                 f"cloth: a hand moves its cloth {travel:.3f} m in {duration:g} s; "
                 "give its pose at shorter intervals"
             )
-        moving = travel > _STILL
+        moving = travel > _STILL_M
         if state.asleep and not moving:
             return dc.replace(state, time=state.time + duration)
         memory = self._memory

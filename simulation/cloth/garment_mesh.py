@@ -22,10 +22,10 @@ from unwrinkle.simulation.rendering.textures import cloth as cloth_texture
 FACTOR = 2
 
 #: Sigma of the smoothing of a stepped outline, cells.
-_ROUNDING = 1.0
+_OUTLINE_SIGMA_CELLS = 1.0
 
 #: Layers of nodes extrapolated beyond an outline, for a smooth end of the spline.
-_OUTSIDE_LAYERS = 4
+_EXTRAPOLATED_LAYERS = 4
 
 
 class ClothMesh:
@@ -170,7 +170,7 @@ def _filling(known: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], Any]]:
     size, (nx, ny) = known.size, known.shape
     flat = np.arange(size).reshape(nx, ny)
     around = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)]
-    for _ in range(_OUTSIDE_LAYERS):
+    for _ in range(_EXTRAPOLATED_LAYERS):
         rows, columns, weights = [], [], []
         missing = np.argwhere(~known)
         for i, j in missing:
@@ -222,7 +222,7 @@ def _smooth_outline(
         moved to the level 1/2 of the blurred mask (exact for straight edges).
     """
     pad = 6
-    blurred = gaussian_filter(np.pad(cells.astype(float), pad), _ROUNDING)
+    blurred = gaussian_filter(np.pad(cells.astype(float), pad), _OUTLINE_SIGMA_CELLS)
 
     def level(places: Array) -> Array:
         return np.asarray(map_coordinates(blurred, places.T - 0.5 + pad, order=3)) - 0.5

@@ -17,13 +17,13 @@ STARTS = ("bunched", "ridge", "pinched", "dropped", "flat")
 Centre = tuple[float, float]
 
 #: Rest speed between one push and the next, m/s.
-_SETTLING = 5e-3
+_REST_SPEED_M_S = 5e-3
 
 #: Limit of attempts at a push.
-_MOST_TRIES = 20
+_MAX_TRIES = 20
 
 #: Overstretch above which cloth counts as locked in its own folds.
-_JAMMED = 0.015
+_MAX_OVERSTRETCH = 0.015
 
 
 def ridge(
@@ -91,7 +91,7 @@ def bunched(cloth: Cloth, centre: Centre, seed: int, pinches: int = 5) -> ClothS
     reach = 0.17 / 0.24  # of the half size: the towel's border is left alone
     half = 0.5 * np.ptp(cloth.rest, axis=0)
     for _ in range(pinches):
-        for _ in range(_MOST_TRIES):
+        for _ in range(_MAX_TRIES):
             middle = rng.uniform(-reach * half, reach * half)
             angle, apart = rng.uniform(0.0, np.pi), rng.uniform(0.08, 0.14)
             closing = rng.uniform(0.025, 0.05)
@@ -102,7 +102,7 @@ def bunched(cloth: Cloth, centre: Centre, seed: int, pinches: int = 5) -> ClothS
                 continue
             push = 0.5 * closing * np.append(e, 0.0)
             bunch = _pushed_together(cloth, state, points, push)
-            if overstretch(cloth, bunch) <= _JAMMED:
+            if overstretch(cloth, bunch) <= _MAX_OVERSTRETCH:
                 state = bunch
                 break
     return cloth.settle(state)
@@ -118,7 +118,7 @@ def _pushed_together(
     state = carry(cloth, state, (up, up), 0.1)
     state = carry(cloth, state, (-push, push), 0.5)
     state = carry(cloth, state, (-up, -up), 0.1)
-    return cloth.settle(let_go(cloth, state), 1.0, _SETTLING)
+    return cloth.settle(let_go(cloth, state), 1.0, _REST_SPEED_M_S)
 
 
 def pinched(cloth: Cloth, centre: Centre, seed: int, pinches: int = 5) -> ClothState:
@@ -140,7 +140,7 @@ def pinched(cloth: Cloth, centre: Centre, seed: int, pinches: int = 5) -> ClothS
         move = (drag * np.cos(angle), drag * np.sin(angle), 0.0)
         state = carry(cloth, state, (move, None), 0.8)
         state = carry(cloth, state, ((0.0, 0.0, -0.8 * lift), None), 0.4)
-        state = cloth.settle(let_go(cloth, state), 1.5, _SETTLING)
+        state = cloth.settle(let_go(cloth, state), 1.5, _REST_SPEED_M_S)
     return cloth.settle(state)
 
 

@@ -30,16 +30,16 @@ from unwrinkle.simulation.cloth.state import checked_pose
 LEAST_DEPTH = 0.005
 
 #: Spacing of the rays along the blades' axis, m.
-_CELL = 1e-3
+_RAY_SPACING_M = 1e-3
 
 #: Offset of the rays, m: a ray through the common edge of two triangles would hit none or both.
-_ASIDE = (1.37e-6, 2.11e-6)
+_RAY_OFFSET_M = (1.37e-6, 2.11e-6)
 
 #: Least number of caught nodes.
-_LEAST_NODES = 2
+_MIN_NODES = 2
 
 #: Height above the table, and above its former place, of lifted cloth, m.
-_LIFTED = 0.05
+_LIFTED_M = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +138,7 @@ def catch(
             f"the cloth between the blades stands {1e3 * depth:.1f} mm above their tips, at least "
             f"{1e3 * LEAST_DEPTH:.0f} mm are needed"
         )
-    elif len(nodes) < _LEAST_NODES:
+    elif len(nodes) < _MIN_NODES:
         reason = f"the fold between the blades is finer than the cloth's mesh ({len(nodes)} nodes)"
     if reason:
         nodes = nodes[:0]
@@ -182,7 +182,7 @@ def lift(
     state = cloth.advance(state, hold)
     after = cloth.vertices(state)[:, 2]
     cell = cloth.outline.area / len(after)
-    up = (after > cloth.support.height + _LIFTED) & (after > before + _LIFTED)
+    up = (after > cloth.support.height + _LIFTED_M) & (after > before + _LIFTED_M)
     off = after > cloth.flat_height + cloth.material.thickness
     weight = float(off.sum()) * cell * cloth.material.areal_density * -GRAVITY[2]
     return Lift(state, float(up.sum()) * cell, weight)
@@ -204,12 +204,12 @@ def _triangles_near(
 def _crossings(corners: Array, width: float, low: float, high: float) -> Array:
     """Return z (m, k) of rays along the blades' axis on triangles (m, 3, 3); NaN without a hit.
 
-    The rays are _CELL apart over |x| <= width / 2 and low <= y <= high, sorted by x, then y.
+    The rays are _RAY_SPACING_M apart over |x| <= width / 2 and low <= y <= high, sorted by x, then y.
     """
-    x = (np.arange(round(width / _CELL)) + 0.5) * _CELL - 0.5 * width
-    count = max(1, round((high - low) / _CELL))
+    x = (np.arange(round(width / _RAY_SPACING_M)) + 0.5) * _RAY_SPACING_M - 0.5 * width
+    count = max(1, round((high - low) / _RAY_SPACING_M))
     y = low + (np.arange(count) + 0.5) * (high - low) / count
-    rays = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2) + _ASIDE
+    rays = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2) + _RAY_OFFSET_M
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     u, v = (b - a)[:, :2], (c - a)[:, :2]
     area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
@@ -230,7 +230,7 @@ def _pressed(z: Array, end: float) -> float:
 def _depth(z: Array, level: float, width: float) -> float:
     """Return the fold's height above the level: maximum across, median along the width, m."""
     top = np.where(np.isfinite(z), z, np.inf).min(axis=0, initial=np.inf)
-    crest = top.reshape(round(width / _CELL), -1).min(axis=1)
+    crest = top.reshape(round(width / _RAY_SPACING_M), -1).min(axis=1)
     # Rays without cloth count as cloth 1 m below the level.
     return float(np.median(np.maximum(level - crest, -1.0)))
 

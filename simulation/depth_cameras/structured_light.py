@@ -25,7 +25,7 @@ Image = NDArray[np.float64]
 _BAND_WIDTHS = (0.6, 1.4)
 
 #: Sigma of the spatial correlation of edge shifts, pixels.
-_EDGE_SIZE = 2.0
+_EDGE_SIGMA_PX = 2.0
 
 
 @dataclass(frozen=True)
@@ -166,9 +166,9 @@ class StructuredLightCamera(DepthCameraModel):
     def _wandering(self, steps: Image, rng: np.random.Generator) -> Image:
         """Shift the edges at random; smooth surfaces are unchanged."""
         rows, columns = np.indices(steps.shape)
-        scale = 2.0 * np.sqrt(np.pi) * _EDGE_SIZE * self.edge_noise
+        scale = 2.0 * np.sqrt(np.pi) * _EDGE_SIGMA_PX * self.edge_noise
         for index, last in ((rows, steps.shape[0] - 1), (columns, steps.shape[1] - 1)):
-            shift = cv2.GaussianBlur(rng.standard_normal(steps.shape), (0, 0), _EDGE_SIZE)
+            shift = cv2.GaussianBlur(rng.standard_normal(steps.shape), (0, 0), _EDGE_SIGMA_PX)
             index += np.rint(scale * shift).astype(index.dtype)
             np.clip(index, 0, last, out=index)
         moved = steps[rows, columns]

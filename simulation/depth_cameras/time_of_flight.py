@@ -15,7 +15,7 @@ from unwrinkle.perception.camera import Camera
 from unwrinkle.simulation.depth_cameras._base import DepthCameraModel, incidence
 
 #: Speed of light, m/s.
-_LIGHT = 299_792_458.0
+_SPEED_OF_LIGHT_M_S = 299_792_458.0
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class TimeOfFlightCamera(DepthCameraModel):
     @property
     def unambiguous(self) -> float:
         """Unambiguous range: half the wavelength of the modulation, metres."""
-        return 0.5 * _LIGHT / self.modulation if self.modulation > 0.0 else 0.0
+        return 0.5 * _SPEED_OF_LIGHT_M_S / self.modulation if self.modulation > 0.0 else 0.0
 
     @property
     def ideal_camera(self) -> Camera:

@@ -23,10 +23,10 @@ _BLACK = 22
 _WHITE = 232
 
 #: Default largest texel, metres.
-_TEXEL = 0.0002
+_TEXEL_M = 0.0002
 
 #: Limit of the texels along a side.
-_MOST_TEXELS = 6000
+_MAX_TEXELS = 6000
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ def chessboard(
     square: float,
     *,
     name: str = "board",
-    texel: float = _TEXEL,
+    texel: float = _TEXEL_M,
 ) -> RenderedBoard:
     """Build a chessboard of columns x rows squares with a white margin one square wide.
 
@@ -86,7 +86,7 @@ def charuco_board(
     *,
     dictionary: int = cv2.aruco.DICT_5X5_100,
     name: str = "board",
-    texel: float = _TEXEL,
+    texel: float = _TEXEL_M,
 ) -> RenderedBoard:
     """Build a ChArUco board as `cv2.aruco.CharucoBoard((columns, rows), square, marker)` draws it.
 
@@ -118,9 +118,9 @@ def _texels(columns: int, rows: int, square: float, texel: float) -> int:
             "squares or more along each side, and positive sizes"
         )
     count = int(np.ceil(square / texel))
-    if count * (max(columns, rows) + 2) > _MOST_TEXELS:
+    if count * (max(columns, rows) + 2) > _MAX_TEXELS:
         raise InputError(
-            f"board: {max(columns, rows)} squares of {count} texels are over {_MOST_TEXELS} texels "
+            f"board: {max(columns, rows)} squares of {count} texels are over {_MAX_TEXELS} texels "
             "along a side; make the texels larger"
         )
     return count

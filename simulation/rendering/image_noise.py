@@ -23,22 +23,22 @@ from unwrinkle.simulation.rendering.renderer import Renderer
 _PHASES = 1024
 
 #: Radius of the blur kernel, multiples of sigma.
-_REACH = 3.3
+_KERNEL_SIGMAS = 3.3
 
 #: Fixed-point iterations of the undistortion; each reduces the error by a factor of 20 or more.
-_INVERSIONS = 12
+_UNDISTORTION_ITERATIONS = 12
 
 #: Rows of the image that are computed at once.
 _BLOCK_ROWS = 256
 
 #: Pixels of a row between exactly computed positions; interpolated ones are within 0.0003 pixels.
-_SEGMENT = 8
+_SEGMENT_PX = 8
 
 #: Least sigma of the blur, pixels; a narrower Gaussian cannot interpolate.
-_LEAST_BLUR = 0.4
+_MIN_BLUR_PX = 0.4
 
 #: Weights of red, green and blue in the grey level.
-_GREY = np.array([0.299, 0.587, 0.114], dtype=np.float32)
+_GREY_WEIGHTS = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -68,9 +68,9 @@ class SensorModel:
         values = dc.astuple(self)
         if not np.isfinite(values).all() or min(self.blur, self.shot_gain, self.read_noise) < 0.0:
             raise InputError(f"sensor model: {self} has a negative number, or one not finite")
-        if 0.0 < self.blur < _LEAST_BLUR or self.blur > 8.0:
+        if 0.0 < self.blur < _MIN_BLUR_PX or self.blur > 8.0:
             raise InputError(
-                f"sensor model: blur {self.blur} px, wanted 0 or {_LEAST_BLUR} to 8; a narrower "
+                f"sensor model: blur {self.blur} px, wanted 0 or {_MIN_BLUR_PX} to 8; a narrower "
                 "one cannot interpolate"
             )
         if not (0.0 <= self.vignetting < 1.0 and abs(self.mismatch) < 1.0):
@@ -142,7 +142,7 @@ def photograph(
     lens = _lens(camera)
     shift = np.array([ideal_camera.cx - camera.cx, ideal_camera.cy - camera.cy])
     rng = np.random.default_rng(seed)
-    grey = _GREY if source.shape[2] == 3 else np.ones(source.shape[2], dtype=np.float32)
+    grey = _GREY_WEIGHTS if source.shape[2] == 3 else np.ones(source.shape[2], dtype=np.float32)
     for top in range(0, camera.height, _BLOCK_ROWS):
         rows = min(_BLOCK_ROWS, camera.height - top)
         light = np.empty((rows, camera.width, source.shape[2]), dtype=np.float32)
@@ -227,7 +227,7 @@ def scaled_camera(camera: Camera, scale: float) -> Camera:
 
 
 def _reach(blur: float) -> int:
-    return max(1, ceil(_REACH * blur))
+    return max(1, ceil(_KERNEL_SIGMAS * blur))
 
 
 def _blur_weights(blur: float) -> NDArray[np.float32]:
@@ -285,7 +285,7 @@ def _undistorted(lens: NDArray[np.float64], u: float, v: float) -> tuple[float, 
     """Return the undistorted pixel of (u, v): inverts OpenCV's distortion by fixed-point steps."""
     x_seen, y_seen = (u - lens[2]) / lens[0], (v - lens[3]) / lens[1]
     x, y = x_seen, y_seen
-    for _ in range(_INVERSIONS):
+    for _ in range(_UNDISTORTION_ITERATIONS):
         r2 = x * x + y * y
         radial = 1.0 + r2 * (lens[4] + r2 * (lens[5] + r2 * lens[8]))
         dx = 2.0 * lens[6] * x * y + lens[7] * (r2 + 2.0 * x * x)
@@ -312,10 +312,10 @@ def _resample(
         u_next, v_next = _undistorted(lens, 0.0, float(i + top))
         u, v, u_step, v_step = u_next, v_next, 0.0, 0.0
         for j in range(width):
-            if j % _SEGMENT == 0:
+            if j % _SEGMENT_PX == 0:
                 u, v = u_next, v_next
-                u_next, v_next = _undistorted(lens, float(j + _SEGMENT), float(i + top))
-                u_step, v_step = (u_next - u) / _SEGMENT, (v_next - v) / _SEGMENT
+                u_next, v_next = _undistorted(lens, float(j + _SEGMENT_PX), float(i + top))
+                u_step, v_step = (u_next - u) / _SEGMENT_PX, (v_next - v) / _SEGMENT_PX
                 # Rounding just below an integer must not select the pixel before it.
                 u += shift[0] + 1e-9
                 v += shift[1] + 1e-9

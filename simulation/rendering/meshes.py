@@ -18,10 +18,10 @@ from unwrinkle.simulation.rendering.textures import Texture, cloth
 HeightField = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 
 #: Decimals of a coordinate in the OBJ: 0.1 micrometres.
-_DIGITS = 7
+_DECIMALS = 7
 
 #: Largest coordinate, metres: one digit before the decimal point.
-_LARGEST = 9.9
+_MAX_COORDINATE_M = 9.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +69,10 @@ class TexturedMesh:
             )
         if not (np.isfinite(vertices).all() and np.isfinite(uv).all()):
             raise InputError(f"{label}: a vertex or its place in the texture is not finite")
-        if np.abs(vertices).max() > _LARGEST:
+        if np.abs(vertices).max() > _MAX_COORDINATE_M:
             raise InputError(
                 f"{label}: a vertex lies {np.abs(vertices).max():.1f} m from the mesh's origin, at "
-                f"most {_LARGEST} m are possible; move the mesh by X_WM"
+                f"most {_MAX_COORDINATE_M} m are possible; move the mesh by X_WM"
             )
         if X_WM.shape != (4, 4) or not np.isfinite(X_WM).all():
             raise InputError(f"{label}: X_WM {X_WM.shape} must be a finite (4, 4) pose")
@@ -251,8 +251,8 @@ def _digits(values: NDArray[np.int64], width: int) -> NDArray[np.uint8]:
 
 def _decimals(values: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Return values (n, k) of magnitude below 10 as signed decimals of fixed width."""
-    steps = np.rint(values * 10.0**_DIGITS).astype(np.int64)
-    digits = _digits(np.abs(steps), _DIGITS + 1)
+    steps = np.rint(values * 10.0**_DECIMALS).astype(np.int64)
+    digits = _digits(np.abs(steps), _DECIMALS + 1)
     sign = np.where(steps < 0, ord("-"), ord("+")).astype(np.uint8)[..., None]
     point = np.full_like(sign, ord("."))
     return np.concatenate([sign, digits[..., :1], point, digits[..., 1:]], axis=-1)

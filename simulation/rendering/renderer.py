@@ -50,10 +50,10 @@ from unwrinkle.simulation.rendering.textures import wood
 
 _RENDERER = "vtk"
 #: Near clipping plane, metres: beyond the lens body, which is in front of its optical centre.
-_NEAR = 0.40
+_NEAR_M = 0.40
 
 #: Far clipping plane, metres.
-_FAR = 8.0
+_FAR_M = 8.0
 
 #: World x, y, z of the table's top in a scene without a cell, metres.
 _TABLE_CENTRE = (0.0, -1.2, 0.70)
@@ -62,13 +62,13 @@ _TABLE_CENTRE = (0.0, -1.2, 0.70)
 _TABLE_SIZE = (0.8, 0.8)
 
 #: Thickness of the table's slab, metres.
-_TABLE_THICKNESS = 0.15
+_TABLE_THICKNESS_M = 0.15
 
 #: Limit of the pixels rendered at once; more need gigabytes of memory.
-_MOST_DRAWN = 20_000_000
+_MAX_PIXELS = 20_000_000
 
 #: Distance of the slab's top below the textured one, metres.
-_SUNK = 0.001
+_SLAB_OFFSET_M = 0.001
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class Renderer:
         posture: NDArray[np.floating[Any]] | None = None,
         head: NDArray[np.floating[Any]] | None = None,
         shadows: bool = False,
-        near: float = _NEAR,
+        near: float = _NEAR_M,
     ) -> None:
         """Build the scene (one to two seconds for a fine mesh).
 
@@ -261,7 +261,7 @@ class Renderer:
         wide, window = _containing(camera)
         core = self._core(wide)
         drawn = self._query().RenderDepthImage(
-            DepthRenderCamera(core, DepthRange(self._near * 1.001, _FAR * 0.999)),
+            DepthRenderCamera(core, DepthRange(self._near * 1.001, _FAR_M * 0.999)),
             self._world,
             _transform(X_WC),
         )
@@ -277,7 +277,7 @@ class Renderer:
 
     def _core(self, camera: Camera) -> RenderCameraCore:
         return RenderCameraCore(
-            _RENDERER, drake_camera(camera), ClippingRange(self._near, _FAR), RigidTransform()
+            _RENDERER, drake_camera(camera), ClippingRange(self._near, _FAR_M), RigidTransform()
         )
 
     def _query(self) -> QueryObject:
@@ -316,7 +316,7 @@ def _parts(camera: Camera, quality: int) -> list[tuple[tuple[slice, slice], Came
     They meet at the principal point, which Drake requires inside the image.
     """
     columns, rows = [0, camera.width], [0, camera.height]
-    if quality * quality * camera.width * camera.height > _MOST_DRAWN:
+    if quality * quality * camera.width * camera.height > _MAX_PIXELS:
         for ends, centre in ((columns, camera.cx), (rows, camera.cy)):
             middle = round(centre)
             if 0.25 * ends[-1] < middle < 0.75 * ends[-1]:
@@ -398,8 +398,8 @@ def _add_table(
     X_WT[:3, 3] = centre
     top = rectangle_mesh("table top", size, wood(size))
     scene_graph.RegisterAnchoredGeometry(source, _geometry(top, _transform(X_WT)))
-    thickness = _TABLE_THICKNESS - _SUNK
-    X_WT[2, 3] -= _SUNK + 0.5 * thickness
+    thickness = _TABLE_THICKNESS_M - _SLAB_OFFSET_M
+    X_WT[2, 3] -= _SLAB_OFFSET_M + 0.5 * thickness
     slab = GeometryInstance(_transform(X_WT), Box(*size, thickness), "table slab")
     scene_graph.RegisterAnchoredGeometry(source, _seen(slab, Rgba(0.55, 0.45, 0.33)))
 

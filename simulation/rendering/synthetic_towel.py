@@ -16,10 +16,10 @@ from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.capture import Capture
 
 #: Length over which a ridge fades out at either end, multiples of sigma.
-_TAPER = 2.5
+_TAPER_SIGMAS = 2.5
 
 #: Distance over which the cloth's edge comes down to the table, metres.
-_EDGE = 0.003
+_EDGE_M = 0.003
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Ridge:
         c, s = np.cos(self.angle), np.sin(self.angle)
         along = (x - self.centre[0]) * c + (y - self.centre[1]) * s
         across = (y - self.centre[1]) * c - (x - self.centre[0]) * s
-        fade = _TAPER * self.sigma
+        fade = _TAPER_SIGMAS * self.sigma
         inside = np.clip((0.5 * self.length + 0.5 * fade - np.abs(along)) / fade, 0.0, 1.0)
         window = inside * inside * inside * (10.0 - 15.0 * inside + 6.0 * inside * inside)
         ridge: NDArray[np.float64] = (
@@ -99,7 +99,7 @@ class Towel:
         self, x: NDArray[np.floating[Any]], y: NDArray[np.floating[Any]]
     ) -> NDArray[np.float64]:
         """Return the height above the table at world points, metres; 0 outside the towel."""
-        step = np.clip(self.edge_distance(x, y) / _EDGE, 0.0, 1.0)
+        step = np.clip(self.edge_distance(x, y) / _EDGE_M, 0.0, 1.0)
         rise = step * step * (3.0 - 2.0 * step)
         bare = np.full(np.shape(x), self.thickness)
         for ridge in self.ridges:

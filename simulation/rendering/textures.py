@@ -20,19 +20,19 @@ TEXEL = 0.0003
 CLOTHS = ("terry", "print", "plain")
 
 #: Noise of terry: sigma (metres) and standard deviation (grey levels) of each component.
-_TERRY = ((0.0, 20.0), (0.00035, 24.0), (0.0009, 18.0), (0.003, 9.0), (0.012, 7.0))
+_TERRY_NOISE = ((0.0, 20.0), (0.00035, 24.0), (0.0009, 18.0), (0.003, 9.0), (0.012, 7.0))
 
 #: Period of the weave, metres.
-_WEAVE = 0.0016
+_WEAVE_PERIOD_M = 0.0016
 
 #: Amplitude of the weave, grey levels.
 _WEAVE_STRENGTH = 9.0
 
 #: Contrast of plain cloth, relative to terry.
-_PLAIN = 0.25
+_PLAIN_CONTRAST = 0.25
 
 #: RGB colours of printed dots.
-_DOTS = ((196.0, 84.0, 72.0), (224.0, 188.0, 96.0), (72.0, 96.0, 132.0))
+_DOT_COLOURS = ((196.0, 84.0, 72.0), (224.0, 188.0, 96.0), (72.0, 96.0, 132.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,15 +84,15 @@ def cloth(kind: str, size: tuple[float, float], *, texel: float = TEXEL, seed: i
     shape = _shape(size, texel)
     rng = np.random.default_rng(seed)
     grey = sum(
-        (_blotches(shape, sigma / texel, strength, rng) for sigma, strength in _TERRY),
+        (_blotches(shape, sigma / texel, strength, rng) for sigma, strength in _TERRY_NOISE),
         start=np.zeros(shape, dtype=np.float32),
     )
     x = (np.arange(shape[1], dtype=np.float32) + 0.5) * np.float32(texel)
     y = (np.arange(shape[0], dtype=np.float32) + 0.5) * np.float32(texel)
-    turns = np.float32(2.0 * np.pi / _WEAVE)
+    turns = np.float32(2.0 * np.pi / _WEAVE_PERIOD_M)
     grey += _WEAVE_STRENGTH * np.outer(np.sin(turns * y), np.sin(turns * x))
     if kind == "plain":
-        return _tinted(_PLAIN * grey, _full(shape, (178.0, 180.0, 182.0)))
+        return _tinted(_PLAIN_CONTRAST * grey, _full(shape, (178.0, 180.0, 182.0)))
     colour = _full(shape, (148.0, 166.0, 188.0))
     if kind == "print":
         _print_on(colour, texel, rng)
@@ -166,7 +166,7 @@ def _print_on(colour: NDArray[np.float32], texel: float, rng: np.random.Generato
     for _ in range(int(rows * columns * texel * texel / 0.0016)):
         x, y = int(rng.integers(columns)), int(rng.integers(rows))
         radius = int(rng.uniform(0.003, 0.008) / texel)
-        cv2.circle(colour, (x, y), radius, _DOTS[int(rng.integers(len(_DOTS)))], -1)
+        cv2.circle(colour, (x, y), radius, _DOT_COLOURS[int(rng.integers(len(_DOT_COLOURS)))], -1)
 
 
 def _tinted(grey: NDArray[np.float32], colour: NDArray[np.float32]) -> Texture:

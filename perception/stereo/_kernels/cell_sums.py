@@ -17,22 +17,22 @@ DIFFERENCE_NOISE = 0.74
 GRADIENT_NOISE = 0.156
 
 #: Side of the square over which the brightness of both images is equalised, cells.
-_MEAN = 21
+_BRIGHTNESS_WINDOW = 21
 
 #: Side of the square over which the texture's share of the squared gradient is estimated, cells.
-_SHARE = 7
+_TEXTURE_WINDOW = 7
 
 #: Lower bound of that share.
-_LEAST_SHARE = 0.1
+_MIN_TEXTURE_SHARE = 0.1
 
 #: Misfit above which a cell's weight is reduced.
-_FITS = 1.8
+_MISFIT_KNEE = 1.8
 
 #: Lower bound of the noise-corrected squared gradient of a windowed step, fraction of the raw one.
-_LEAST_STEP_SHARE = 0.4
+_MIN_GRADIENT_FRACTION = 0.4
 
 #: Damping of a windowed step in weakly textured areas, squared grey levels per pixel squared.
-_DULL = 0.03
+_STEP_DAMPING = 0.03
 
 
 def gauss(values: Grid, sigma: float) -> Grid:
@@ -76,11 +76,11 @@ def weigh(
         out: (3, rows, columns) float32 buffer for the result.
     """
     wanted = [
-        (sums.e, _MEAN),
-        (sums.g, _MEAN),
-        (sums.n, _MEAN),
-        (sums.n, _SHARE),
-        (sums.gg, _SHARE),
+        (sums.e, _BRIGHTNESS_WINDOW),
+        (sums.g, _BRIGHTNESS_WINDOW),
+        (sums.n, _BRIGHTNESS_WINDOW),
+        (sums.n, _TEXTURE_WINDOW),
+        (sums.gg, _TEXTURE_WINDOW),
     ]
     if side > 1:
         wanted += [(sums.ee, side), (sums.e, side), (sums.n, side)]
@@ -100,8 +100,8 @@ def weigh(
 @nb.njit(nogil=True, cache=True, fastmath=True)
 def _step_row(gg: Grid, ge: Grid, g: Grid, e: Grid, n: Grid, variance: Grid, step: Grid) -> None:
     one, little = np.float32(1.0), np.float32(1e-3)
-    own, least = np.float32(GRADIENT_NOISE), np.float32(_LEAST_STEP_SHARE)
-    dull = np.float32(_DULL)
+    own, least = np.float32(GRADIENT_NOISE), np.float32(_MIN_GRADIENT_FRACTION)
+    dull = np.float32(_STEP_DAMPING)
     for x in range(gg.size):
         many = max(n[x], little)
         over = gg[x] - g[x] * g[x] / many
@@ -142,7 +142,11 @@ def _weigh_row(
     ees, es, ns = fit
     mean_e, mean_g = means
     one, two, zero = np.float32(1.0), np.float32(2.0), np.float32(0.0)
-    fits, least, noise = np.float32(_FITS), np.float32(_LEAST_SHARE), np.float32(DIFFERENCE_NOISE)
+    fits, least, noise = (
+        np.float32(_MISFIT_KNEE),
+        np.float32(_MIN_TEXTURE_SHARE),
+        np.float32(DIFFERENCE_NOISE),
+    )
     for x in range(gg.size):
         expected = noise * variance[x]
         left = ees[x] + mean_e[x] * (mean_e[x] * ns[x] - two * es[x])

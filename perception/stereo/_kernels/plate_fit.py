@@ -15,7 +15,7 @@ from unwrinkle.models.arrays import Grid
 from unwrinkle.perception._parallel import parallel_rows
 
 #: Lower bound of the matrix's diagonal.
-_LEAST = 1e-6
+_MIN_DIAGONAL = 1e-6
 
 
 class Plate:
@@ -222,7 +222,7 @@ def _diagonal(y: int, weight: Grid, hold: Grid, diagonal: Grid) -> None:
 def _start_row(
     diagonal: Grid, pull: Grid, product: Grid, residual: Grid, inverse: Grid, along: Grid
 ) -> np.float32:
-    one, least, total = np.float32(1.0), np.float32(_LEAST), np.float32(0.0)
+    one, least, total = np.float32(1.0), np.float32(_MIN_DIAGONAL), np.float32(0.0)
     for x in range(diagonal.size):
         share = one / max(diagonal[x], least)
         left = pull[x] - product[x]

@@ -38,19 +38,19 @@ _CREASES = (0.3, 0.2, 0.12)
 
 #: Stiffness per mean weight of the fit before the finest ones: after the initial disparity alone,
 #: and after windowed steps.
-_SETTLING = (1.0, 3.0)
+_COARSE_STIFFNESS = (1.0, 3.0)
 
 #: Crease of that fit, pixels per cell^2.
-_SETTLING_CREASE = 0.3
+_COARSE_CREASE = 0.3
 
 #: Side of the square over which the misfit is averaged, cells, by the side of a cell, pixels.
-_FIT_SIDES = {1: 5, 2: 3, 4: 1}
+_MISFIT_WINDOWS = {1: 5, 2: 3, 4: 1}
 
 #: Limit of the change in one fit, pixels of the current image.
-_FARTHEST = 1.5
+_MAX_CHANGE_PX = 1.5
 
 #: Variance of rounding to whole grey levels.
-_ROUNDING = 1.0 / 12.0
+_ROUNDING_VARIANCE = 1.0 / 12.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,7 @@ def refine_disparity(
     if scale > cell:
         disparity = _doubled(disparity)
     grey = lefts[cell].astype(np.float32)
-    variance = np.float32(gain) * grey + np.float32(read**2 + _ROUNDING)
+    variance = np.float32(gain) * grey + np.float32(read**2 + _ROUNDING_VARIANCE)
     plate = Plate(disparity.shape)
     room = np.empty((12, *disparity.shape), dtype=np.float32)
     # Small images have a sub-pixel initial disparity, whose edges windowed steps would blur.
@@ -113,9 +113,9 @@ def refine_disparity(
             disparity = cv2.medianBlur(disparity - np.float32(factor) * step, 5)
         if factor == min(2, cell):
             sums = cell_sums(*pair, disparity, cell // factor, 1.0 / factor, room[:9])
-            data = weigh(sums, share, _FIT_SIDES[cell // factor], room[9:])
-            stiffness = _SETTLING[scale > 1] * max(1e-3, float(data[0].mean()))
-            scaled, crease = disparity / np.float32(factor), _SETTLING_CREASE / factor
+            data = weigh(sums, share, _MISFIT_WINDOWS[cell // factor], room[9:])
+            stiffness = _COARSE_STIFFNESS[scale > 1] * max(1e-3, float(data[0].mean()))
+            scaled, crease = disparity / np.float32(factor), _COARSE_CREASE / factor
             change = _bent(plate, scaled, data, stiffness, crease, _ITERATIONS[cell][0])
             disparity = disparity + np.float32(factor) * change
         if factor <= 2:
@@ -123,7 +123,7 @@ def refine_disparity(
         factor //= 2
     for crease, iterations in zip(_CREASES, _ITERATIONS[cell][1:], strict=True):
         sums = cell_sums(left, right, disparity, cell, 1.0, room[:9])
-        data = weigh(sums, variance, _FIT_SIDES[cell], room[9:])
+        data = weigh(sums, variance, _MISFIT_WINDOWS[cell], room[9:])
         disparity = disparity + _bent(plate, disparity, data, STIFFNESS[cell], crease, iterations)
     return DisparitySurface(disparity, cell, sums, data[0], variance, data[2])
 
@@ -155,4 +155,4 @@ def _bent(
     change = plate.fit(
         disparity, weight, pull, stiffness=stiffness, crease=crease, iterations=iterations
     )
-    return np.clip(change, -_FARTHEST, _FARTHEST)
+    return np.clip(change, -_MAX_CHANGE_PX, _MAX_CHANGE_PX)

@@ -17,14 +17,14 @@ from unwrinkle.perception.camera import Camera
 #: Spacing of the lattice, pixels.
 _STEP = 16
 
-#: Spacing for views of at most `_WIDE` pixels.
+#: Spacing for views of at most `_WIDE_PX` pixels.
 _FINE_STEP = 8
 
 #: Largest width of a view with the fine spacing, pixels.
-_WIDE = 2000
+_WIDE_PX = 2000
 
 #: Position outside of every image, pixels.
-_OUT = -1e6
+_OUTSIDE_PX = -1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ def lattice(source: Camera, view: Camera, R_VS: NDArray[np.float64]) -> Lattice:
         view: pinhole camera with the same optical centre.
         R_VS: (3, 3) rotation of the source camera in the view's frame.
     """
-    step = _STEP if view.width > _WIDE else _FINE_STEP
+    step = _STEP if view.width > _WIDE_PX else _FINE_STEP
     u = np.arange(-(-view.width // step) + 1) * float(step)
     v = np.arange(-(-view.height // step) + 1) * float(step)
     x, y = np.meshgrid((u - view.cx) / view.fx, (v - view.cy) / view.fy)
@@ -61,7 +61,7 @@ def lattice(source: Camera, view: Camera, R_VS: NDArray[np.float64]) -> Lattice:
     pixels = source.project(safe)
     if any(source.distortion):
         ahead &= _unfolded(source, safe[..., :2] / safe[..., 2:])
-    pixels[~ahead] = _OUT
+    pixels[~ahead] = _OUTSIDE_PX
     columns, rows = np.moveaxis(pixels.astype(np.float32), -1, 0)
     return Lattice(np.ascontiguousarray(columns), np.ascontiguousarray(rows), step)
 

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 _BLOCK = 5
 
 #: Least margin of the best cost to the second best, per cent.
-_UNIQUE = 5
+_UNIQUENESS_PERCENT = 5
 
 #: Size up to which a component is speckle, pixels.
-_SPECKLE = 100
+_SPECKLE_SIZE = 100
 
 #: Sides of the successive windows of the hole filling, pixels.
-_FILL = (5, 15, 45, 135)
+_FILL_WINDOWS = (5, 15, 45, 135)
 
 
 def coarse_disparity(
@@ -50,8 +50,8 @@ def coarse_disparity(
         P2=32 * _BLOCK**2,
         disp12MaxDiff=1,
         preFilterCap=31,
-        uniquenessRatio=_UNIQUE,
-        speckleWindowSize=_SPECKLE,
+        uniquenessRatio=_UNIQUENESS_PERCENT,
+        speckleWindowSize=_SPECKLE_SIZE,
         speckleRange=2,
         mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY if quick else cv2.STEREO_SGBM_MODE_HH4,
     )
@@ -69,7 +69,7 @@ def _filled(
     weight = measured.astype(np.float32)
     missing = (~measured).astype(np.uint8)
     result = known.copy()
-    for size in _FILL:
+    for size in _FILL_WINDOWS:
         if not missing.any():
             break
         share = cv2.boxFilter(weight, -1, (size, size))

@@ -14,7 +14,7 @@ from unwrinkle.simulation.cloth.state import ClothError, ClothState, Support
 MOST_SPEED = 5.0
 
 #: Length of a spring, multiples of its rest length, beyond which the solver has failed.
-_MOST_STRETCH = 3.0
+_MAX_STRETCH = 3.0
 
 #: Capacity of the list of contact pairs per node.
 _PAIRS_PER_NODE = 60
@@ -138,7 +138,7 @@ class ClothMemory:
         for axis, joined in ((1, mask[1:] & mask[:-1]), (2, mask[:, 1:] & mask[:, :-1])):
             length = np.linalg.norm(np.diff(grid, axis=axis), axis=0)[joined]
             stretch = float(length.max()) / self._spacing
-            if stretch > _MOST_STRETCH:
+            if stretch > _MAX_STRETCH:
                 raise ClothError(
                     f"cloth: torn at {time:.3f} s, a yarn is {stretch:.1f} times its length; "
                     "the hands pull too far apart, or take a shorter time step"

@@ -1,4 +1,4 @@
-"""Bundle adjustment: its derivatives, what it finds, what it says of its accuracy."""
+"""Bundle adjustment: derivatives, estimates, stated accuracy."""
 
 import dataclasses
 

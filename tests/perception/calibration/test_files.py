@@ -1,4 +1,4 @@
-"""Which images belong together, what a file of looks says, and what comes back from a file."""
+"""Calibration files: image pairs, head views, round trips."""
 
 from collections.abc import Callable
 from pathlib import Path

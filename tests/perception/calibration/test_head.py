@@ -1,4 +1,4 @@
-"""The head from nothing: a head that differs from the nominal one, found from corners alone."""
+"""Head calibration: recover a head that differs from the nominal one from corners alone."""
 
 import dataclasses
 from collections.abc import Callable

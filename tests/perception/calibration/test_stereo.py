@@ -1,4 +1,4 @@
-"""Stereo calibration: the real chessboards, known cameras, and pairs that do not belong."""
+"""Stereo calibration: real chessboards, known cameras, and mismatched pairs."""
 
 import dataclasses
 import logging

@@ -1,4 +1,4 @@
-"""Places to a fraction of a pixel, on images whose mapping is known."""
+"""Sub-pixel localization on images with a known mapping."""
 
 import cv2
 import numpy as np

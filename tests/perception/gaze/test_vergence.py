@@ -1,4 +1,4 @@
-"""Gaze and vergence: the geometry, and the loop closed through pictures of a printed table."""
+"""Gaze control and vergence: geometry, and the closed loop on simulated images."""
 
 import dataclasses
 from math import atan2, degrees, radians
@@ -37,7 +37,7 @@ AIM = np.array([0.02, -1.10, TABLE])
 
 
 def small(head: StereoHead) -> StereoHead:
-    """The head with pictures of an eighth of the size."""
+    """Return the head with images of an eighth of the size."""
     left, right = (
         dataclasses.replace(eye, camera=eye.camera.scaled(1 / 8)) for eye in (head.left, head.right)
     )
@@ -263,12 +263,12 @@ def test_a_unit_that_cannot_look_there_says_so(world: World, target: Template) -
     assert "pan" in outcome.reason
 
 
-def test_it_gives_up_after_so_many_looks(world: World, target: Template) -> None:
+def test_the_number_of_measurements_is_limited(world: World, target: Template) -> None:
     outcome = world.begin(moved(GOOD, 5.0, 2.0, 4.0, 2.0), target, max_measurements=1)
     assert not outcome.centred
     assert len(outcome.measurements) == 1
-    assert "after 1 looks still 5" in outcome.reason
-    with pytest.raises(InputError, match="at least one look"):
+    assert "after 1 measurements still 5" in outcome.reason
+    with pytest.raises(InputError, match="at least one"):
         world.begin(GOOD, target, max_measurements=0)
 
 

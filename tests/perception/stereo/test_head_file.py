@@ -1,4 +1,4 @@
-"""Calibrations and looks survive their files; what does not fit is refused in one line."""
+"""Files of calibrations and head angles: round trips and refused input."""
 
 import dataclasses
 from datetime import date

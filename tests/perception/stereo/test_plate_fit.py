@@ -1,4 +1,4 @@
-"""The plate solver against dense algebra, and what it does at creases."""
+"""Plate fit against dense linear algebra, and its behaviour at creases."""
 
 import numpy as np
 import pytest

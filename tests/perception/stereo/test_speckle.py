@@ -1,4 +1,4 @@
-"""Wisps of chance matches go; the table, and a fold with a step on one side, stay."""
+"""Speckle filter: chance matches are removed; the table and folds with a step remain."""
 
 import numpy as np
 

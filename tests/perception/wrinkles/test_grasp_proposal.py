@@ -27,7 +27,7 @@ SIGMA, HEIGHT = 0.010, 0.020
 
 @cache
 def _surface(angle: float, height: float = HEIGHT) -> Surface:
-    """A sheet with one Gaussian ridge through CENTRE that fades out before the rim; `angle` is across it."""
+    """Return a sheet with one Gaussian ridge through CENTRE; `angle` is the direction across it."""
     half, step = 0.07, PROFILE.resolution
     ticks = np.arange(-half - 0.02, half + 0.02, step)
     x, y = np.meshgrid(ticks, ticks)

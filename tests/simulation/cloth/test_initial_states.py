@@ -1,4 +1,4 @@
-"""Wrinkled starting states: of the right size, at rest, repeatable, and what is refused."""
+"""Initial states: size, rest, repeatability, refused input."""
 
 from typing import Any
 
