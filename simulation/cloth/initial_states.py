@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.scenario import STARTS
 from unwrinkle.simulation.cloth.cloth import Cloth
 from unwrinkle.simulation.cloth.fingers import carry, let_go, take
 from unwrinkle.simulation.cloth.measures import overstretch
 from unwrinkle.simulation.cloth.state import ClothState
 
-STARTS = ("bunched", "ridge", "pinched", "dropped", "flat")
 Centre = tuple[float, float]
 
 #: Rest speed between one push and the next, m/s.

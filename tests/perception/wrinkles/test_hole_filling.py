@@ -38,7 +38,7 @@ def test_nothing_is_made_up_off_the_garment_or_without_data_around():
     weight[:, 50:] = 0.0
     wanted = np.zeros_like(weight, bool)
     wanted[:, :50] = True
-    wanted[5:9, 55:58] = True  # an island of the mask where nothing was measured
+    wanted[5:9, 55:58] = True  # a part of the mask where nothing was measured
     _, weights = fill_holes(height, weight, wanted, RESOLUTION)
     assert not weights[:, 50:].any()
 
@@ -54,7 +54,7 @@ def test_a_hole_at_the_border_hangs_on_what_is_there(edge):
     assert np.allclose(filled, 0.02) and weights[edge, 31] == WEIGHT
 
 
-def test_a_wrinkle_with_a_hidden_flank_stays_in_one_piece():
+def test_a_wrinkle_with_a_hidden_side_stays_in_one_piece():
     ridge = Ridge(centre=(0.0, -1.10), angle=0.1, height=0.02, sigma=0.009, length=0.30)
     towel = Towel(ridges=(ridge,), waviness=0.0)
     x, y = np.meshgrid(-0.3 + 0.001 * np.arange(601), -1.4 + 0.001 * np.arange(601))
