@@ -110,7 +110,7 @@ def test_quality_averages_a_picture_twice_as_large(
     monkeypatch: pytest.MonkeyPatch, in_parts: bool
 ) -> None:
     """Also where it is drawn in parts: their seams and offsets do not show."""
-    monkeypatch.setattr(rendering, "_MOST_DRAWN", 10_000 if in_parts else 10_000_000)
+    monkeypatch.setattr(rendering, "_MAX_PIXELS", 10_000 if in_parts else 10_000_000)
     X_WM = np.eye(4)
     X_WM[:3, 3] = (0.0, -1.1, 0.71)
     renderer = Renderer(None, [rectangle_mesh("r", (0.2, 0.2), cloth("terry", (0.2, 0.2)), X_WM)])
