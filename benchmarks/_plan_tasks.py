@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from unwrinkle.models.choices import PullReading
 from unwrinkle.perception.target import FlatteningTarget, HandTarget
 
 #: The paper's eight wrinkle directions, degrees.
@@ -53,7 +54,7 @@ def flattening_task(
         p_WC=np.array([centre[0], centre[1], table_height]),
         wrinkle_direction=np.array([n[1], -n[0]]),
         geodesic_distance=2.0 * half + 2.0 * pull,
-        mode="foot",
+        mode=PullReading.FOOT,
     )
 
 

@@ -35,11 +35,11 @@ def peak(scene: Scene) -> int:
 
 
 def _peak_here(folder: str, gaze: Gaze, table: Table) -> int:
-    from unwrinkle.perception.stereo.range_mapping import look
+    from unwrinkle.perception.stereo.range_mapping import match_pair
 
     left, right = (np.load(Path(folder) / f"{side}.npy") for side in ("left", "right"))
     pair = StereoPair(left, right)
     head = nominal_head()
-    look(pair, head, gaze, table=table, whole=True)
+    match_pair(pair, head, gaze, table=table, whole=True)
     range_map_from_pair(pair, head, gaze, table=table)
     return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

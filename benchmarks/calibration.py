@@ -33,9 +33,9 @@ from unwrinkle.models.arrays import Pose
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.transforms import inverse, pose, transformed
 from unwrinkle.perception.calibration.boards import Board
-from unwrinkle.perception.calibration.files import find_pairs, view_pairs
+from unwrinkle.perception.calibration.files import find_board_pairs, find_pairs
 from unwrinkle.perception.calibration.hand_eye import angle_between
-from unwrinkle.perception.calibration.head import HeadFit, HeadLook, calibrate_head
+from unwrinkle.perception.calibration.head import HeadFit, HeadView, calibrate_head
 from unwrinkle.perception.calibration.stereo import PairView, StereoCalibration, calibrate_stereo
 from unwrinkle.perception.stereo.head import StereoHead
 from unwrinkle.perception.stereo.head_file import HeadCalibration, nominal_calibration
@@ -95,7 +95,7 @@ def chessboards() -> dict[str, Any] | None:
     ]
     board = Board(9, 6, 0.025)
     start = time.perf_counter()
-    views, missing = view_pairs(find_pairs([folder]), board)
+    views, missing = find_board_pairs(find_pairs([folder]), board)
     found = calibrate_stereo(views, board, not_found=missing).calibration
     taken = time.perf_counter() - start
     focal = [f for c in (found.left, found.right) for f in (c.fx, c.fy)]
@@ -168,7 +168,7 @@ class _Looks:
             poses = self.truth.poses(units.go(gaze))
             left, right = self.eyes(self.fixed, poses)
             self.corner_errors.append(corner_errors(self.truth, self.fixed, poses, (left, right)))
-            looks.append(HeadLook(f"look {number}", gaze, left, right))
+            looks.append(HeadView(f"look {number}", gaze, left, right))
         return calibrate_head(looks, stereo, nominal)
 
 

@@ -28,7 +28,7 @@ from unwrinkle.benchmarks._depth_camera_scenes import (
 from unwrinkle.benchmarks.report import Progress
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.perception.depth.range_mapping import range_map_from_capture
-from unwrinkle.perception.depth.table_crop import over_table
+from unwrinkle.perception.depth.table_crop import crop_to_table
 from unwrinkle.perception.wrinkles.analysis import analyse
 from unwrinkle.simulation.depth_cameras.cameras import (
     DepthCameraModel,
@@ -124,7 +124,7 @@ def _simulated(
 
 
 def _cropped(cell: Cell, capture: Any) -> Any:
-    return over_table(capture, cell.table)
+    return crop_to_table(capture, cell.table)
 
 
 def _holes(depth: NDArray[np.float32]) -> float:

@@ -96,7 +96,12 @@ def _start(
     cell.begin(aim)
     vergence = case == "vergence"
     outcome = centre(
-        head, None if vergence else target, start, cell.take, height=cell.surface, most_looks=5
+        head,
+        None if vergence else target,
+        start,
+        cell.take,
+        height=cell.surface,
+        max_measurements=5,
     )
     cell.stop_clock()
     left, right = cell.offsets[-1]
@@ -107,21 +112,23 @@ def _start(
     return {
         "start_offset": [cell.offsets[0][0], cell.offsets[0][1]],
         "offsets": [list(pair) for pair in cell.offsets],
-        "looks": len(outcome.looks),
+        "looks": len(outcome.measurements),
         "settled": outcome.centred,
         "reason": outcome.reason,
         "error": error,
         "left_error": left,
         "right_error": right,
         "vergence_error": verged,
-        "converged": bool(outcome.centred and error <= TOLERANCE and len(outcome.looks) <= _LOOKS),
+        "converged": bool(
+            outcome.centred and error <= TOLERANCE and len(outcome.measurements) <= _LOOKS
+        ),
         "correlation": _correlations(outcome),
         "times": cell.times,
     }
 
 
 def _correlations(outcome: Centring) -> list[float]:
-    last = outcome.looks[-1]
+    last = outcome.measurements[-1]
     return [float(getattr(sight, "correlation", 0.0)) for sight in (last.left, last.right)]
 
 

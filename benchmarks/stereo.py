@@ -20,9 +20,9 @@ from unwrinkle.perception.height_grid import Grid
 from unwrinkle.perception.stereo.heights import heights_on_grid
 from unwrinkle.perception.stereo.matching import Disparity
 from unwrinkle.perception.stereo.range_mapping import (
-    StereoLook,
+    StereoMatch,
     garment_space,
-    look,
+    match_pair,
     range_map_from_pair,
 )
 from unwrinkle.perception.wrinkles.analysis import analyse
@@ -99,7 +99,7 @@ def plot(results: dict[str, Any], path: Path) -> None:
 
 def pair_to_map(
     scene: Scene, factor: float = 1.0, *, whole: bool = True
-) -> tuple[StereoLook, NDArray[np.float64]]:
+) -> tuple[StereoMatch, NDArray[np.float64]]:
     """From the raw pair to heights above the working table on its grid.
 
     Args:
@@ -108,11 +108,11 @@ def pair_to_map(
         whole: match the whole images, not only what can show the table.
     """
     pair = scene.reduced(factor)
-    found = look(pair, scene.head, scene.gaze, table=scene.table, whole=whole)
+    found = match_pair(pair, scene.head, scene.gaze, table=scene.table, whole=whole)
     return found, _map(found, scene)
 
 
-def _map(found: StereoLook, scene: Scene) -> NDArray[np.float64]:
+def _map(found: StereoMatch, scene: Scene) -> NDArray[np.float64]:
     half = 0.5 * np.array(scene.table.size)
     low = np.array(scene.table.centre) - half
     count = np.rint(2.0 * half / _RESOLUTION).astype(int) + 1
@@ -146,7 +146,7 @@ def _times(scene: Scene, repeats: int) -> dict[str, Any]:
     }
 
 
-def _errors(scene: Scene, found: StereoLook, disparity: Disparity) -> dict[str, float]:
+def _errors(scene: Scene, found: StereoMatch, disparity: Disparity) -> dict[str, float]:
     true, cloth, per_pixel = scene.truth(found.rectification, found.X_WC)
     valid = disparity.valid & cloth
     if not valid.any():
@@ -170,7 +170,7 @@ def _size(scene: Scene, megapixels: int, factor: float, repeats: int) -> dict[st
     for _ in range(repeats):
         pair = scene.reduced(factor)
         start = time.perf_counter()
-        found = look(pair, scene.head, scene.gaze, table=scene.table, whole=True)
+        found = match_pair(pair, scene.head, scene.gaze, table=scene.table, whole=True)
         _map(found, scene)
         times.append(time.perf_counter() - start)
     return {
@@ -182,7 +182,7 @@ def _size(scene: Scene, megapixels: int, factor: float, repeats: int) -> dict[st
 
 def _methods(scene: Scene, quick: bool) -> list[dict[str, Any]]:
     """Ours first, full-resolution SGBM second, on one rectified pair of the whole images."""
-    found = look(scene.pair, scene.head, scene.gaze, table=scene.table, whole=True)
+    found = match_pair(scene.pair, scene.head, scene.gaze, table=scene.table, whole=True)
     rectified = found.rectification.apply(scene.pair.left, scene.pair.right)
     X_LW = np.linalg.inv(scene.head.poses(scene.gaze)[0])
     box_L = garment_space(scene.table) @ X_LW[:3, :3].T + X_LW[:3, 3]
@@ -202,7 +202,7 @@ def _methods(scene: Scene, quick: bool) -> list[dict[str, Any]]:
 
 def _judged(scene: Scene) -> dict[str, Any]:
     """Disparities of the region, heights on the garment's grid, and wrinkles, against the truth."""
-    found = look(scene.pair, scene.head, scene.gaze, table=scene.table)
+    found = match_pair(scene.pair, scene.head, scene.gaze, table=scene.table)
     range_map = range_map_from_pair(scene.pair, scene.head, scene.gaze, table=scene.table)
     analysis = analyse(range_map, table=scene.table)
     return {

@@ -8,11 +8,11 @@ from unwrinkle.models.robot import Cell
 from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.perception.depth.range_mapping import range_map_from_capture
-from unwrinkle.perception.depth.table_crop import over_table
+from unwrinkle.perception.depth.table_crop import crop_to_table
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import NoiseProfile
 from unwrinkle.perception.stereo.head import Gaze, StereoHead
-from unwrinkle.perception.stereo.head_file import load_look
+from unwrinkle.perception.stereo.head_file import load_head_angles
 from unwrinkle.perception.stereo.pair import StereoPair, load_pair
 from unwrinkle.perception.stereo.range_mapping import range_map_from_pair
 from unwrinkle.perception.wrinkles.analysis import analyse
@@ -46,7 +46,7 @@ def load_stereo_capture(
     Raises:
         InputError: a file is missing or wrong.
     """
-    look, calibration = load_look(head)
+    look, calibration = load_head_angles(head)
     return StereoCapture(
         load_pair(left, right), calibration.stereo_head(cell.limits.head), look.gaze
     )
@@ -85,7 +85,7 @@ def map_of(
             seed=seed,
         )
     if capture.X_WC is not None:
-        capture = over_table(capture, cell.table)
+        capture = crop_to_table(capture, cell.table)
     return range_map_from_capture(
         capture,
         profile=profile,

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import yaml
 
+from unwrinkle.models.choices import PulledSlack, PullReading, SectionPlace
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.loader_yaml import load_yaml, models_dir
 
@@ -14,10 +15,7 @@ STATION_FORMS = ("sim", "loopback", "hardware")
 SENSOR_KINDS = ("stereo", "depth", "truth")
 OUTLINES = ("towel", "dishcloth", "tshirt", "trousers")
 STARTS = ("bunched", "ridge", "pinched", "dropped", "flat")
-MODES = ("foot", "paper", "between")
 ORDERS = ("volume", "pull", "height", "length", "together")
-SECTIONS = ("centre", "highest")
-PULLS = ("wrinkle", "section")
 TURNTABLES = ("free", "fixed")
 
 
@@ -256,10 +254,10 @@ class Scenario:
             ("station form", self.station.form, STATION_FORMS),
             ("sensor kind", self.sensor.kind, SENSOR_KINDS),
             ("loop arms", self.loop.arms, ("any", "dual", "single")),
-            ("loop mode", self.loop.mode, MODES),
+            ("loop mode", self.loop.mode, tuple(PullReading)),
             ("loop order", self.loop.order, ORDERS),
-            ("loop section", self.loop.section, SECTIONS),
-            ("loop pull", self.loop.pull, PULLS),
+            ("loop section", self.loop.section, tuple(SectionPlace)),
+            ("loop pull", self.loop.pull, tuple(PulledSlack)),
             ("garment outline", self.station.garment.outline, OUTLINES),
             ("garment start", self.station.garment.start, STARTS),
         )

@@ -1,1 +1,1 @@
-"""From images and depth to a height map, to wrinkles, to a flattening target; arrays, no Drake."""
+"""Perception: images and depth to range map, wrinkles and flattening target; no Drake."""

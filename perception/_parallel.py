@@ -1,4 +1,4 @@
-"""Sharing work out to a few threads: strips of rows for a compiled kernel, or several filters."""
+"""Thread-pool helpers: row-parallel numba kernels and parallel map."""
 
 import os
 from collections.abc import Callable, Iterable
@@ -16,9 +16,14 @@ def _processors() -> int:
     return os.cpu_count() or 1
 
 
+#: Threads of the pool.
 _THREADS = min(4, _processors())
-_STRIPS = 4  # per thread, so that a thread that was held up does not hold up all
-_LEAST_ROWS = 16
+
+#: Blocks of rows per thread; several, so that a preempted thread delays the others less.
+_BLOCKS_PER_THREAD = 4
+
+#: Least number of rows in a block.
+_MIN_ROWS = 16
 
 
 _Item = TypeVar("_Item")
@@ -27,18 +32,18 @@ _Result = TypeVar("_Result")
 
 @cache
 def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(_THREADS, thread_name_prefix="strip")
+    return ThreadPoolExecutor(_THREADS, thread_name_prefix="parallel")
 
 
-def in_strips(kernel: Callable[..., None], rows: int, *arguments: Any) -> None:
-    """Call `kernel(first, last, *arguments)` for strips that share out `rows`.
+def parallel_rows(kernel: Callable[..., None], rows: int, *arguments: Any) -> None:
+    """Run `kernel(first, last, *arguments)` on blocks of rows in parallel.
 
     Args:
-        kernel: compiled with `nogil`; writes only what belongs to its rows.
-        rows: how many there are.
-        arguments: given on.
+        kernel: function compiled with `nogil` that writes only to its rows [first, last).
+        rows: number of rows.
+        arguments: passed to the kernel.
     """
-    count = max(1, min(_STRIPS * _THREADS, rows // _LEAST_ROWS))
+    count = max(1, min(_BLOCKS_PER_THREAD * _THREADS, rows // _MIN_ROWS))
     edges = np.linspace(0, rows, count + 1).round().astype(int).tolist()
     if count == 1:
         kernel(0, rows, *arguments)
@@ -47,6 +52,9 @@ def in_strips(kernel: Callable[..., None], rows: int, *arguments: Any) -> None:
         done.result()
 
 
-def together(function: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
-    """Return the function's results for items, in order; it must release Python's lock to gain."""
+def parallel_map(function: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
+    """Apply a function to items in parallel; return the results in order.
+
+    Only functions that release the global interpreter lock run concurrently.
+    """
     return list(_pool().map(function, items))

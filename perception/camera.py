@@ -1,4 +1,4 @@
-"""Pinhole cameras: intrinsics by name or from YAML, rays and projection.
+"""Pinhole cameras: intrinsics by name or from YAML, projection and unprojection.
 
 Camera frame C: x right, y down, z forward (OpenCV). The centre of the top left pixel is (0, 0).
 """
@@ -14,20 +14,21 @@ from numpy.typing import NDArray
 
 from unwrinkle.models import InputError, load_yaml, models_dir
 
-_WIDEST = 150.0
-_NARROWEST = 2.0
+#: Limits of a plausible field of view, degrees.
+_MAX_VIEW_DEG = 150.0
+_MIN_VIEW_DEG = 2.0
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Pinhole intrinsics with OpenCV's distortion.
+    """Pinhole intrinsics with OpenCV's distortion model.
 
     Attributes:
-        name: what the camera is called.
+        name: of the camera, for messages.
         width, height: image size, pixels.
         fx, fy, cx, cy: focal lengths and principal point, pixels.
         distortion: k1, k2, p1, p2, k3; empty for none.
-        sensor: name of the noise profile of its depth.
+        sensor: name of the noise profile of its depth readings.
 
     Raises:
         InputError: a size or focal length is not positive, a number is not finite, the principal
@@ -45,7 +46,7 @@ class Camera:
     sensor: str = "xtion"
 
     def __post_init__(self) -> None:
-        """Refuse intrinsics that no real camera has."""
+        """Check that the intrinsics are plausible."""
         label = f"camera {self.name!r}"
         numbers = (self.fx, self.fy, self.cx, self.cy, *self.distortion)
         if not all(isfinite(number) for number in numbers):
@@ -66,10 +67,10 @@ class Camera:
                     f"of {size} pixels; are the intrinsics of another resolution?"
                 )
             view = degrees(2.0 * atan(0.5 * size / focal))
-            if not _NARROWEST <= view <= _WIDEST:
+            if not _MIN_VIEW_DEG <= view <= _MAX_VIEW_DEG:
                 raise InputError(
                     f"{label}: f{axis} = {focal} gives a field of view of {view:.1f} degrees, "
-                    f"wanted {_NARROWEST:.0f} to {_WIDEST:.0f}; is it in pixels?"
+                    f"wanted {_MIN_VIEW_DEG:.0f} to {_MAX_VIEW_DEG:.0f}; is it in pixels?"
                 )
 
     @property
@@ -78,7 +79,9 @@ class Camera:
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     def scaled(self, factor: float) -> "Camera":
-        """The same camera with its image resized by a factor (0.5 halves it); pixel centres count.
+        """Return the camera of the image resized by a factor (0.5 halves it).
+
+        Pixel centres are preserved: cx becomes (cx + 0.5) * factor - 0.5.
 
         Raises:
             InputError: the factor leaves no image.
@@ -94,7 +97,7 @@ class Camera:
         )
 
     def rays(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """X and y of the undistorted ray (x, y, 1) through each pixel, both (height, width)."""
+        """Return x and y, both (height, width), of the undistorted rays (x, y, 1) of all pixels."""
         u, v = np.arange(self.width, dtype=float), np.arange(self.height, dtype=float)
         if not any(self.distortion):
             x, y = np.meshgrid((u - self.cx) / self.fx, (v - self.cy) / self.fy)
@@ -104,8 +107,32 @@ class Camera:
         grid = np.asarray(undistorted, dtype=float).reshape(self.height, self.width, 2)
         return grid[..., 0], grid[..., 1]
 
+    def unproject(
+        self, pixels: NDArray[np.floating[Any]], depth: NDArray[np.floating[Any]] | float
+    ) -> NDArray[np.float64]:
+        """Return the camera-frame points (..., 3), metres, of pixels at a depth.
+
+        Args:
+            pixels: (..., 2) u, v.
+            depth: metres along the optical axis, one for each pixel or one for all.
+        """
+        pixels = np.asarray(pixels, dtype=float)
+        if any(self.distortion):
+            distorted = pixels.reshape(-1, 1, 2)
+            ideal = cv2.undistortPoints(distorted, self.matrix, np.array(self.distortion))
+            rays = np.asarray(ideal, dtype=float).reshape(pixels.shape)
+        else:
+            rays = (pixels - [self.cx, self.cy]) / [self.fx, self.fy]
+        z = np.broadcast_to(np.asarray(depth, dtype=float), rays.shape[:-1])
+        return np.stack([rays[..., 0] * z, rays[..., 1] * z, z], axis=-1)
+
+    def unproject_image(self, depth: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+        """Return the camera-frame points (height, width, 3), metres, of a depth image."""
+        x, y = self.rays()
+        return np.stack([x * depth, y * depth, depth], axis=-1)
+
     def project(self, points: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-        """Pixel u, v of camera-frame points (..., 3) in metres; the result is (..., 2)."""
+        """Return the pixels u, v (..., 2) of camera-frame points (..., 3), metres."""
         points = np.asarray(points, dtype=float)
         if not any(self.distortion):
             scaled = points[..., :2] / points[..., 2:]
@@ -121,12 +148,12 @@ class Camera:
 
 
 def camera_names() -> tuple[str, ...]:
-    """Return the names of the cameras that the package describes."""
+    """Return the names of the cameras that the package ships."""
     return tuple(sorted(path.stem for path in (models_dir() / "cameras").glob("*.yaml")))
 
 
 def load_camera(name: str | Path) -> Camera:
-    """Return the camera of that name, or the one that a YAML file describes.
+    """Load a camera by its name in the package or from a YAML file.
 
     Raises:
         InputError: unknown name, missing file, unknown key, or absurd intrinsics.

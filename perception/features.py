@@ -1,9 +1,9 @@
-"""SIFT features of small images, matches between them, and the mapping that the matches agree on.
+"""SIFT features of reduced images, matching, and robust estimation of the mapping between images.
 
 D. Lowe, Distinctive image features from scale-invariant keypoints, IJCV 2004; R. Arandjelovic and
 A. Zisserman, Three things everyone should know, CVPR 2012 (RootSIFT); D. Barath et al., MAGSAC++,
-CVPR 2020. Features are found in an image reduced by a whole factor and stated in pixels of the
-image itself, (0, 0) the centre of its top left pixel.
+CVPR 2020. Features are detected in an image reduced by an integer factor and expressed in pixels of
+the full image, (0, 0) being the centre of its top left pixel.
 """
 
 from collections.abc import Sequence
@@ -20,26 +20,46 @@ from unwrinkle.models.arrays import Mask
 Points = NDArray[np.float64]
 Homography = NDArray[np.float64]
 
+#: Least number of matches that must agree on a mapping.
 LEAST_INLIERS = 8
-_WORK_WIDTH = 411  # 1/12 of the head's cameras; at 1/8 it takes twice as long for the same end
-_MOST_FEATURES = 1500
-_CONTRAST = 0.01  # a quarter of Lowe's: plain cloth has little
+
+#: Width of the reduced image, pixels: 1/12 of the head's cameras. 1/8 takes twice as long and gave
+#: the same result.
+_WORK_WIDTH_PX = 411
+
+#: Default limit of the features of an image.
+_MAX_FEATURES = 1500
+
+#: SIFT contrast threshold: a quarter of Lowe's, because plain cloth has little contrast.
+_CONTRAST_THRESHOLD = 0.01
+
+#: Lowe's ratio of the nearest to the second nearest distance.
 _RATIO = 0.8
-_ROUNDING = 1e-5
-_MAPPING_TOLERANCE = 2.0  # pixels of the reduced image; wrinkles are off their plane by one
-_SURE_INLIERS = 20  # fewer determine a similarity only
-_MOST_STRETCH = 6.0
-_MARGIN = 96  # pixels kept around a template's region, for windows at its border
+
+#: Lower bound of a squared descriptor distance against rounding.
+_MIN_DISTANCE2 = 1e-5
+
+#: Inlier tolerance of a mapping, pixels of the reduced image; wrinkles deviate from a plane by one.
+_MAPPING_TOLERANCE_PX = 2.0
+
+#: Least number of inliers of a homography; fewer determine a similarity only.
+_MIN_HOMOGRAPHY_INLIERS = 20
+
+#: Largest plausible stretch of a mapping, and ratio of its two stretches.
+_MAX_STRETCH = 6.0
+
+#: Margin kept around a template's region, pixels, for windows at its border.
+_MARGIN_PX = 96
 
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """Features of an image.
+    """SIFT features of an image.
 
     Attributes:
-        points: (n, 2) u, v in pixels of the image itself.
-        descriptors: (n, 128) float32 RootSIFT, of length 1.
-        sizes: (n,) diameters, pixels of the image itself.
+        points: (n, 2) u, v in pixels of the full image.
+        descriptors: (n, 128) float32 RootSIFT, unit length.
+        sizes: (n,) diameters, pixels of the full image.
         angles: (n,) directions, radians.
     """
 
@@ -49,11 +69,11 @@ class Features:
     angles: Points
 
     def __len__(self) -> int:
-        """How many."""
+        """Number of features."""
         return len(self.points)
 
     def where(self, keep: Mask) -> "Features":
-        """Return those with keep (n,) true."""
+        """Return the features selected by a mask (n,)."""
         return Features(
             self.points[keep], self.descriptors[keep], self.sizes[keep], self.angles[keep]
         )
@@ -66,7 +86,7 @@ class View:
     Attributes:
         grey: (h, w) uint8.
         features: of the whole image.
-        factor: by which the image was reduced to find them.
+        factor: reduction of the image in which they were detected.
     """
 
     grey: NDArray[np.uint8]
@@ -76,16 +96,16 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Template:
-    """What something looks like: a piece of an image, its features, and the point that counts.
+    """Image template: patch, SIFT features and reference point.
 
     Attributes:
-        name: of the thing.
-        grey: (h, w) uint8, the piece with some surroundings.
-        features: of the thing alone, in pixels of the piece.
-        centre: (2,) u, v of the point that counts, in pixels of the piece.
-        corners: (4, 2) of the thing's box, clockwise from the top left, in pixels of the piece.
-        origin: (2,) of the piece in the image that it was cut out of.
-        factor: by which that image was reduced to find the features.
+        name: of the object.
+        grey: (h, w) uint8 patch, with a margin around the object.
+        features: of the object without the margin, in pixels of the patch.
+        centre: (2,) u, v of the reference point, in pixels of the patch.
+        corners: (4, 2) of the object's box, clockwise from the top left, in pixels of the patch.
+        origin: (2,) of the patch in its source image, pixels.
+        factor: reduction of the source image in which the features were detected.
     """
 
     name: str
@@ -98,24 +118,25 @@ class Template:
 
 
 def view(image: NDArray[np.uint8], *, factor: int | None = None, most: int | None = None) -> View:
-    """Find the features of an image.
+    """Detect the features of an image.
 
     Args:
         image: (h, w) or (h, w, 3) RGB uint8.
-        factor: whole number to reduce the image by; None makes it about 411 pixels wide.
-        most: features to keep, strongest first; None keeps 1500.
+        factor: integer reduction of the image; None reduces it to a width of about 411 pixels.
+        most: limit of the features, strongest first; None for 1500.
 
     Raises:
-        InputError: no such image, or a factor that leaves none.
+        InputError: the array is not an image, or the reduced image is too small.
     """
     if image.dtype != np.uint8 or image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
         raise InputError(f"image: {image.dtype} {image.shape}, wanted uint8 (h, w) or (h, w, 3)")
     height, width = image.shape[:2]
     if factor is None:
-        factor = max(1, round(width / _WORK_WIDTH))
+        factor = max(1, round(width / _WORK_WIDTH_PX))
     if factor < 1 or min(height, width) < 16 * factor:
         raise InputError(
-            f"image of {width} x {height} pixels cannot be reduced by {factor}: 16 x 16 must be left"
+            f"image of {width} x {height} pixels cannot be reduced by {factor}: 16 x 16 must be "
+            "left"
         )
     grey = image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
     rows, columns = height // factor, width // factor
@@ -123,8 +144,8 @@ def view(image: NDArray[np.uint8], *, factor: int | None = None, most: int | Non
     if factor > 1:
         small = np.asarray(cv2.resize(small, (columns, rows), interpolation=cv2.INTER_AREA))
     sift = cv2.SIFT_create(
-        nfeatures=most or _MOST_FEATURES,
-        contrastThreshold=_CONTRAST,
+        nfeatures=most or _MAX_FEATURES,
+        contrastThreshold=_CONTRAST_THRESHOLD,
         enable_precise_upscale=True,  # without it points are off by a quarter of a pixel
     )
     keypoints, descriptors = sift.detectAndCompute(small, None)
@@ -139,18 +160,18 @@ def template(
     box: tuple[float, float, float, float] | None = None,
     point: Sequence[float] | NDArray[np.floating[Any]] | None = None,
 ) -> Template:
-    """Cut a template out of a view.
+    """Cut a template from a view.
 
     Args:
         source: the view.
-        name: of the thing.
-        mask: (h, w) bool, where the thing is; its centroid is the point that counts.
-        box: u0, v0, u1, v1 in pixels instead of a mask; its middle is the point that counts.
-            With neither, the whole image.
-        point: u, v of another point that counts.
+        name: of the object.
+        mask: (h, w) bool mask of the object; its centroid is the reference point.
+        box: u0, v0, u1, v1 in pixels, instead of a mask; its middle is the reference point. Without
+            mask and box the object is the whole image.
+        point: u, v of another reference point.
 
     Raises:
-        InputError: mask and box at once, nothing in them, or too little texture to know it by.
+        InputError: mask and box are both given or empty, or there are too few features.
     """
     height, width = source.grey.shape
     if mask is not None and box is not None:
@@ -181,8 +202,8 @@ def template(
             f"template {name!r}: {inside.sum()} features in it, at least {LEAST_INLIERS} are "
             "needed; choose a larger piece, one with texture, or a smaller factor"
         )
-    start = np.maximum(np.floor(lower) - _MARGIN, 0.0)
-    stop = np.minimum(np.ceil(upper) + _MARGIN, [width - 1.0, height - 1.0])
+    start = np.maximum(np.floor(lower) - _MARGIN_PX, 0.0)
+    stop = np.minimum(np.ceil(upper) + _MARGIN_PX, [width - 1.0, height - 1.0])
     u0, v0, u1, v1 = (int(value) for value in (*start, *stop))
     own = source.features.where(inside)
     return Template(
@@ -199,13 +220,13 @@ def template(
 def matches(
     a: Features, b: Features, *, ratio: float = _RATIO, mutual: bool = True
 ) -> NDArray[np.int64]:
-    """Pairs (m, 2) of indices into a and b that look alike.
+    """Match features; return the pairs (m, 2) of indices into a and b.
 
     Args:
         a, b: the features.
-        ratio: the nearest of b must be nearer than this times the second nearest (Lowe).
-        mutual: a's feature must also be the nearest to b's. Without, several of a may have the
-            same partner.
+        ratio: limit of the nearest over the second nearest distance in b (Lowe).
+        mutual: require that a's feature is also the nearest to b's. Otherwise several features of
+            a may match the same feature of b.
     """
     if len(a) == 0 or len(b) < 2:
         return np.zeros((0, 2), dtype=np.int64)
@@ -217,7 +238,7 @@ def matches(
     second = likeness.max(axis=1)
     likeness[rows, nearest] = best
     # Distances of vectors of length 1: d^2 = 2 - 2 likeness, up to rounding.
-    near, far = np.maximum(1.0 - best, _ROUNDING), np.maximum(1.0 - second, _ROUNDING)
+    near, far = np.maximum(1.0 - best, _MIN_DISTANCE2), np.maximum(1.0 - second, _MIN_DISTANCE2)
     keep = near < ratio * ratio * far
     if mutual:
         keep &= np.argmax(likeness, axis=0)[nearest] == rows
@@ -227,23 +248,23 @@ def matches(
 def mapping(
     p: Points, q: Points, *, tolerance: float, least: int = LEAST_INLIERS
 ) -> tuple[Homography, Mask] | None:
-    """Find the mapping that takes most of the points p (n, 2) to their partners q (n, 2).
+    """Estimate the mapping from points p (n, 2) to q (n, 2) with the most inliers.
 
-    A homography by MAGSAC++; a similarity where too few points agree to determine one.
+    It is a homography by MAGSAC++, or a similarity by RANSAC if there are too few inliers for one.
 
     Args:
         p, q: pixels.
-        tolerance: of agreement, pixels.
-        least: points that must agree.
+        tolerance: of inliers, pixels.
+        least: least number of inliers.
 
     Returns:
-        The mapping (3, 3) and who agrees (n,); None where too few do, or where the mapping mirrors
-        or stretches as no view of a surface does.
+        The mapping (3, 3) and the inlier mask (n,); None with too few inliers, or if the mapping
+        mirrors or stretches more than a view of a surface can.
     """
     if len(p) < max(least, 4):
         return None
     H, agree = cv2.findHomography(p, q, cv2.USAC_MAGSAC, tolerance, maxIters=3000, confidence=0.999)
-    if H is not None and (keep := agree.ravel() > 0).sum() >= max(least, _SURE_INLIERS):
+    if H is not None and (keep := agree.ravel() > 0).sum() >= max(least, _MIN_HOMOGRAPHY_INLIERS):
         H = np.asarray(H, dtype=float)
         if _plausible(H, p[keep]):
             return H, keep
@@ -259,38 +280,38 @@ def mapping(
 def find(
     thing: Features, scene: Features, factor: int, *, ratio: float = _RATIO
 ) -> tuple[Homography, int] | None:
-    """Find one thing in a scene: the mapping (3, 3) of its pixels to the scene's, and inliers.
+    """Find one object in a scene; return the mapping (3, 3) to the scene and the inlier count.
 
     Args:
-        thing, scene: features.
-        factor: by which the images were reduced.
-        ratio: of `matches`.
+        thing, scene: features of the object and of the scene.
+        factor: reduction of the images.
+        ratio: see `matches`.
     """
     pairs = matches(thing, scene, ratio=ratio)
     found = mapping(
         thing.points[pairs[:, 0]],
         scene.points[pairs[:, 1]],
-        tolerance=_MAPPING_TOLERANCE * factor,
+        tolerance=_MAPPING_TOLERANCE_PX * factor,
     )
     return None if found is None else (found[0], int(found[1].sum()))
 
 
 def mapped(H: Homography, points: NDArray[np.floating[Any]]) -> Points:
-    """Points (..., 2) taken through a homography (3, 3); NaN where it takes them to infinity."""
+    """Apply a homography (3, 3) to points (..., 2); NaN for points mapped to infinity."""
     ends = np.asarray(points, dtype=float) @ H[:, :2].T + H[:, 2]
     scale = np.where(ends[..., 2:] * H[2, 2] > 1e-12, ends[..., 2:], np.nan)
     return np.asarray(ends[..., :2] / scale)
 
 
 def local_linear(H: Homography, point: Points) -> NDArray[np.float64]:
-    """Derivative (2, 2) of a homography at a point (2,)."""
+    """Return the Jacobian (2, 2) of a homography at a point (2,)."""
     scale = float(H[2, :2] @ point + H[2, 2])
     end = (H[:2, :2] @ point + H[:2, 2]) / scale
     return np.asarray((H[:2, :2] - np.outer(end, H[2, :2])) / scale)
 
 
 def _plausible(H: Homography, points: Points) -> bool:
-    """Neither mirrored nor stretched beyond reason, at the middle and the ends of the points."""
+    """Return whether a mapping neither mirrors nor stretches too much, at middle and corners."""
     if not np.isfinite(H).all() or abs(H[2, 2]) < 1e-12:
         return False
     for point in (points.mean(axis=0), points.min(axis=0), points.max(axis=0)):
@@ -298,9 +319,9 @@ def _plausible(H: Homography, points: Points) -> bool:
             return False
         J = local_linear(H, point)
         stretch = np.linalg.svd(J, compute_uv=False)
-        if np.linalg.det(J) <= 0.0 or stretch[0] > _MOST_STRETCH * stretch[1]:
+        if np.linalg.det(J) <= 0.0 or stretch[0] > _MAX_STRETCH * stretch[1]:
             return False
-        if not 1.0 / _MOST_STRETCH < stretch[0] < _MOST_STRETCH:
+        if not 1.0 / _MAX_STRETCH < stretch[0] < _MAX_STRETCH:
             return False
     return True
 

@@ -1,4 +1,4 @@
-"""Points above the table, averaged into a metric grid that is aligned with the world."""
+"""Averaging of scattered heights into a metric grid aligned with the world axes."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,13 +7,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-_LEAST_WEIGHT = 0.15
-_LARGEST_GRID = 40_000_000
+#: Least bilinear weight of a measured cell.
+_MIN_WEIGHT = 0.15
+
+#: Limit of a grid's size, cells.
+_MAX_CELLS = 40_000_000
 
 
 @dataclass(frozen=True)
 class Grid:
-    """A metric grid: cell (i, j) is at x = x_first + j * resolution, y = y_first + i * resolution."""
+    """Metric grid; cell (i, j) is at x = x_first + j * resolution, y = y_first + i * resolution."""
 
     x_first: float
     y_first: float
@@ -23,7 +26,7 @@ class Grid:
 
     @staticmethod
     def over(x: NDArray[Any], y: NDArray[Any], resolution: float, margin: float) -> "Grid":
-        """Return the least grid over points (n,), with a margin; cells fall on whole multiples.
+        """Return the smallest grid over points (n,), metres; cells lie at multiples of resolution.
 
         Raises:
             ValueError: the grid would have over 40 million cells.
@@ -35,7 +38,7 @@ class Grid:
             int(np.ceil((float(values.max()) + margin) / resolution)) for values in (x, y)
         )
         nx, ny = high_x - low_x + 1, high_y - low_y + 1
-        if nx * ny > _LARGEST_GRID:
+        if nx * ny > _MAX_CELLS:
             raise ValueError(f"a grid of {nx} x {ny} cells is too large")
         return Grid(low_x * resolution, low_y * resolution, nx, ny, resolution)
 
@@ -48,17 +51,17 @@ def average(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Average scattered values into the grid with bilinear weights.
 
-    Each point is shared among the four cells around it, so that a slope leaves no bias as it does
-    where each cell takes the plain mean of whatever fell into it.
+    Each point contributes to the four cells around it. The plain mean of the points in a cell would
+    be biased on slopes.
 
     Args:
-        x, y: (n,) metres. Points outside the grid are left out.
+        x, y: (n,) metres. Points outside the grid are ignored.
         values: (n,) or (n, k).
-        grid: where to.
+        grid: output grid.
 
     Returns:
-        (ny, nx) or (ny, nx, k) averages, 0 where there is nothing, and (ny, nx) bool where there
-        is enough; single cells between measured ones are filled from them.
+        Averages (ny, nx) or (ny, nx, k), 0 in cells without data, and the mask (ny, nx) of cells
+        with data; single empty cells between measured ones are filled from them.
     """
     columns = (np.asarray(x, dtype=float) - grid.x_first) / grid.resolution
     rows = (np.asarray(y, dtype=float) - grid.y_first) / grid.resolution
@@ -87,17 +90,17 @@ def average(
 def filled_averages(
     weights: NDArray[np.float64], totals: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Divide weighted sums by their weights; single cells between measured ones are filled.
+    """Divide weighted sums by their weights and fill single empty cells between measured ones.
 
     Args:
         weights: (ny, nx) sums of weights.
         totals: (k, ny, nx) sums of weight times value.
 
     Returns:
-        (k, ny, nx) averages, 0 where there is nothing, and (ny, nx) bool where there is enough.
+        Averages (k, ny, nx), 0 in cells without data, and the mask (ny, nx) of cells with data.
     """
-    measured = weights > _LEAST_WEIGHT
-    # A cell that a measured neighbour lies on each side of is no hole but a gap of the sampling.
+    measured = weights > _MIN_WEIGHT
+    # A cell with measured neighbours on both sides is a gap of the sampling, not a hole.
     spread = cv2.GaussianBlur(weights, (5, 5), 0.8)
     gap = ~measured & (_closed(measured) > 0) & (spread > 0.02)
     averages = np.zeros(totals.shape)

@@ -1,4 +1,4 @@
-"""The range map: height above the table on a metric grid that is aligned with the world."""
+"""Range map: height above the table on a metric grid aligned with the world axes."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -17,15 +17,15 @@ _VERSION = 1
 
 @dataclass(frozen=True, eq=False)
 class RangeMap:
-    """Height above the table plane on a metric grid; everything after it is in metres.
+    """Height above the table plane on a metric grid.
 
     Column j lies at world x = origin[0] + j * resolution, row i at world
-    y = origin[1] + i * resolution. The frame is W, the robot's base on the floor, z up.
+    y = origin[1] + i * resolution. World frame W: the robot's base on the floor, z up.
 
     Attributes:
         height: (ny, nx) float32, metres above the table plane; 0 where not valid, never NaN.
-        valid: (ny, nx) bool, where the sensor measured.
-        garment: (ny, nx) bool, the garment's mask (it may span cells that are not valid).
+        valid: (ny, nx) bool, cells with a measurement.
+        garment: (ny, nx) bool, the garment's mask; it may include cells that are not valid.
         resolution: metres per cell along both axes.
         origin: (2,) world x, y of the centre of cell [0, 0].
         table_height: world z of the table plane.
@@ -93,7 +93,7 @@ class RangeMap:
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """World x_min, x_max, y_min, y_max of the grid, outer edges of the outer cells."""
+        """World x_min, x_max, y_min, y_max of the grid's outer cell edges, metres."""
         ny, nx = self.shape
         half = 0.5 * self.resolution
         x, y = self.origin
@@ -105,15 +105,15 @@ class RangeMap:
         )
 
     def world_from_cell(self, cells: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-        """World x, y of points given as (column, row), shape (..., 2), fractions allowed."""
+        """Return the world x, y, metres, of fractional (column, row) points (..., 2)."""
         return self.origin + self.resolution * np.asarray(cells, dtype=np.float64)
 
     def cell_from_world(self, points: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-        """Return fractional (column, row) of world points (..., 2)."""
+        """Return the fractional (column, row) of world points (..., 2), metres."""
         return (np.asarray(points, dtype=np.float64) - self.origin) / self.resolution
 
     def save(self, path: str | Path) -> None:
-        """Write to one `.npz` with a JSON header, whole or not at all."""
+        """Write one `.npz` with a JSON header, atomically."""
         arrays: dict[str, NDArray[Any]] = {
             "height": self.height,
             "valid": self.valid,

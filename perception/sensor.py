@@ -1,4 +1,4 @@
-"""What each kind of sensor can and cannot resolve: one profile per sensor, in metres."""
+"""Noise profiles: the settings of perception that depend on a sensor's noise."""
 
 from dataclasses import dataclass, fields
 from math import inf, isfinite, sqrt
@@ -14,8 +14,8 @@ _LENGTHS_POSITIVE = (
     "wrinkledness_window",
 )
 
-#: A ridge just shorter than `wrinkle_length` must be this many `depth_noise` high to be a wrinkle (what
-#: is lower gives the closed loop no reason to pull), a shorter one higher: `NoiseProfile.least_height`.
+#: Least height of a ridge just shorter than `wrinkle_length`, multiples of `depth_noise`; shorter
+#: ridges must be higher, see `NoiseProfile.least_height`.
 STUB_NOISES = 2.0
 
 
@@ -27,27 +27,26 @@ class NoiseProfile:
         name: "stereo", "stereo-head", "xtion" or "tof".
         resolution: side of a height-map cell.
         depth_noise: standard deviation of one depth reading, quantisation included.
-        garment_height: height above the table from which depth alone calls a cell garment.
-        bias_degree: degree of the slow bias of depth that is taken out of the table, 0 for none.
-        column_bias: whether the sensor has vertical bands (PrimeSense) that are taken out too.
+        garment_height: least height above the table of a garment cell, by depth alone.
+        bias_degree: degree of the polynomial depth bias that is removed, 0 for none.
+        column_bias: whether a bias per image column (PrimeSense's vertical bands) is removed.
         knot_spacing: knot spacing of the B-spline surface.
-        smoothing: length of the smoothing penalty of the surface that ridges are found on.
-        fine_smoothing: the same of the surface that they are measured on (widths, slack).
-        averaging: measured profiles are averaged along the ridge over this (a sigma), 0 for none.
-        flat_curvature: curvedness below which a cell is class 0, "flat".
-        ridge_curvature: least curvature across a ridge for it to be kept.
-        rank_radius: radius of the majority rank filter (its window is 2 * radius wide).
+        smoothing: smoothing length of the surface on which ridges are detected.
+        fine_smoothing: smoothing length of the surface on which they are measured.
+        averaging: sigma of the averaging of cross-sections along the ridge, 0 for none.
+        flat_curvature: curvedness below which a cell is classified flat.
+        ridge_curvature: least curvature across a ridge.
+        rank_radius: radius of the majority filter (its window is 2 * radius wide).
         link_gap: widest gap between two ridge pieces that may be linked.
         linking_cosine: least cosine between two pieces' directions for linking them.
-        wrinkle_length: ridges shorter than this are no wrinkles, unless they are stubs.
-        stub_length: ridges shorter than `wrinkle_length`, but not than this, are wrinkles if their
-            height is beyond doubt (see `least_height`); 0 for none.
-        triplet_spacing: distance between the ridge samples that triplets are sought at.
-        contour_reach: how far from the ridge a contour is sought.
+        wrinkle_length: least length of a wrinkle, except for stubs.
+        stub_length: least length of a stub, a ridge shorter than `wrinkle_length` that is a wrinkle
+            if it is high enough (see `least_height`); 0 for no stubs.
+        triplet_spacing: distance between the ridge samples with triplets.
+        contour_reach: search distance of a contour from the ridge.
         wrinkledness_window: side of the window of the wrinkledness entropy.
-        flat_inclination: normals tilted less (radians) share one histogram bin.
-        halting_pull: the garment is flat when no wrinkle asks for more than this (the paper's
-            0.5 cm).
+        flat_inclination: inclination below which normals share one histogram bin, radians.
+        halting_pull: pull distance below which a wrinkle is left alone (the source paper's 0.5 cm).
     """
 
     name: str = ""
@@ -74,7 +73,7 @@ class NoiseProfile:
     halting_pull: float = 0.005
 
     def __post_init__(self) -> None:
-        """Refuse settings that no later stage could work with."""
+        """Check that every setting is finite and in range."""
         for field in fields(self):
             value = getattr(self, field.name)
             if isinstance(value, str):
@@ -88,15 +87,15 @@ class NoiseProfile:
 
     @property
     def shortest_ridge(self) -> float:
-        """Length below which no ridge is a wrinkle, however high, metres."""
+        """Least length of any wrinkle, metres."""
         return min(self.stub_length or self.wrinkle_length, self.wrinkle_length)
 
     def least_height(self, length: float) -> float:
-        """Height that a ridge of this length must have to be a wrinkle, both in metres.
+        """Return the least height, metres, of a wrinkle of a length, metres.
 
-        One standard deviation of a reading from `wrinkle_length` on. A shorter one is fewer readings
-        long, and a matched filter tells it from noise by height * sqrt(length): it must be
-        STUB_NOISES * depth_noise * sqrt(wrinkle_length / length) high.
+        From `wrinkle_length` on it is one standard deviation of a reading. For a shorter ridge the
+        signal of a matched filter is height * sqrt(length), so the least height is
+        STUB_NOISES * depth_noise * sqrt(wrinkle_length / length).
         """
         if length >= self.wrinkle_length:
             return self.depth_noise
@@ -106,12 +105,12 @@ class NoiseProfile:
 
 
 def noise_profile_names() -> tuple[str, ...]:
-    """Return the names of the profiles that the package ships."""
+    """Return the names of the noise profiles that the package ships."""
     return tuple(sorted(p.stem for p in (models_dir() / "sensors").glob("*.yaml")))
 
 
 def noise_profile(name: str) -> NoiseProfile:
-    """Return the profile `name` ("stereo", "stereo-head", "xtion", "tof") from the package's sensors.
+    """Load the noise profile of a sensor ("stereo", "stereo-head", "xtion" or "tof").
 
     Raises:
         InputError: there is no such profile, or its file does not fit.

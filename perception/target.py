@@ -1,8 +1,8 @@
-"""What perception hands to the planner: four parameters per hand, or the reason why there are none.
+"""Flattening targets: the output of perception and the input of planning.
 
-A wrinkle is pulled flat from both sides. Each hand is given the paper's four parameters (grasp
-position, grasp direction, pull direction, pull distance). `unwrinkle.perception.wrinkles.targeting` computes
-them; the types here carry them and check what no planner may be handed.
+A wrinkle is pulled flat from both sides. A target holds the source paper's four parameters for each
+hand: grasp position, grasp direction, pull direction, pull distance. It is computed by
+`unwrinkle.perception.wrinkles.targeting`; the types here check their values.
 """
 
 from __future__ import annotations
@@ -14,25 +14,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.choices import PullReading
 from unwrinkle.models.errors import InputError
 
 Vector = NDArray[np.float64]
 
-#: The grippers may never end further apart than this times the cloth between them.
+#: Limit of the grippers' final distance, multiples of the geodesic distance between them.
 STRETCH_LIMIT = 1.10
 
-#: A motion's grippers are up to 0.1 mm further apart than its target says, and its verification is strict: pulls that go
-#: to the limit stay this far within it, metres.
+#: Margin to the stretch limit, metres: the grippers of a planned motion are up to 0.1 mm further
+#: apart than its target states, and the verification has no tolerance.
 STRETCH_MARGIN = 0.001
-
-#: Eq. 5's readings: between the inflection lines (paper), on to the wrinkle's feet, or the mean of both.
-MODES = ("paper", "foot", "between")
-
-#: Where along a wrinkle the section goes that the hands pull in: through its centre, or its highest part.
-SECTIONS = ("centre", "highest")
-
-#: What each hand pulls: the wrinkle's slack (Eq. 5), or that of all that the section crosses.
-PULLS = ("wrinkle", "section")
 
 
 def _frozen_vector(value: Any, size: int, name: str) -> Vector:
@@ -53,14 +45,14 @@ def _unit_vector(value: Any, name: str) -> Vector:
 
 @dataclass(frozen=True, eq=False)
 class HandTarget:
-    """The paper's four parameters for one hand. World frame W, z up, metres.
+    """Four parameters of one hand. World frame W, z up, metres.
 
     Attributes:
         p_WG: (3,) grasp point at the garment's contour, z = the table's height.
-        grasp_direction: (2,) unit, horizontal, from outside into the garment: the direction in
-            which the fingers approach (the inward normal of the smoothed contour).
-        pull_direction: (2,) unit, horizontal, away from the wrinkle.
-        pull_distance: how far this hand moves, metres, >= 0.
+        grasp_direction: (2,) horizontal unit vector in which the fingers approach: the inward
+            normal of the smoothed contour.
+        pull_direction: (2,) horizontal unit vector away from the wrinkle.
+        pull_distance: distance that this hand moves, >= 0.
     """
 
     p_WG: Vector
@@ -69,7 +61,12 @@ class HandTarget:
     pull_distance: float
 
     def __post_init__(self) -> None:
-        """Check and freeze the fields. Raises InputError for anything not finite or not unit."""
+        """Check and freeze the fields.
+
+        Raises:
+            InputError: a value is not finite, a direction not a unit vector, or a distance
+                negative.
+        """
         object.__setattr__(self, "p_WG", _frozen_vector(self.p_WG, 3, "p_WG"))
         for name in ("grasp_direction", "pull_direction"):
             object.__setattr__(self, name, _unit_vector(getattr(self, name), name))
@@ -87,41 +84,48 @@ class HandTarget:
 
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> HandTarget:
-        """Read what `to_json` wrote. Raises InputError for missing or wrong fields."""
+        """Read what `to_json` wrote.
+
+        Raises:
+            InputError: a field is missing, unknown or unusable.
+        """
         _demand_keys(data, ("p_WG", "grasp_direction", "pull_direction", "pull_distance"))
         return cls(**data)
 
 
 @dataclass(frozen=True, eq=False)
 class FlatteningTarget:
-    """One dual-arm pull: what both hands do about one wrinkle. World frame W, metres.
+    """Dual-arm pull that flattens one wrinkle. World frame W, metres.
 
     Attributes:
         hands: hands[0] on the -n side of the wrinkle, hands[1] on the +n side, where
             n = (-dy, dx) is the normal of `wrinkle_direction` = (dx, dy).
         p_WC: (3,) the wrinkle's centre on the cloth.
-        wrinkle_direction: (2,) unit, the wrinkle's principal direction.
-        geodesic_distance: length of the cloth's surface section between the grasp points. The
-            hands' pull distances keep the grippers within STRETCH_LIMIT times this.
-        mode: which of MODES, the readings of Eq. 5, gave the pull distance.
+        wrinkle_direction: (2,) unit principal direction of the wrinkle.
+        geodesic_distance: arc length of the cloth's section between the grasp points. The grippers'
+            final distance is at most STRETCH_LIMIT times this.
+        mode: reading of Eq. 5 that gave the pull distance; text is converted.
     """
 
     hands: tuple[HandTarget, HandTarget]
     p_WC: Vector
     wrinkle_direction: Vector
     geodesic_distance: float
-    mode: str
+    mode: PullReading
 
     def __post_init__(self) -> None:
-        """Check and freeze. Raises InputError, also for a pull that would overstretch the cloth."""
+        """Check and freeze the fields.
+
+        Raises:
+            InputError: a value is not usable, or the pull would exceed the stretch limit.
+        """
         if len(self.hands) != 2:
             raise InputError(f"a flattening target has two hands, got {len(self.hands)}")
         object.__setattr__(self, "hands", tuple(self.hands))
         object.__setattr__(self, "p_WC", _frozen_vector(self.p_WC, 3, "p_WC"))
         direction = _unit_vector(self.wrinkle_direction, "wrinkle_direction")
         object.__setattr__(self, "wrinkle_direction", direction)
-        if self.mode not in MODES:
-            raise InputError(f"mode must be one of {MODES}, got {self.mode!r}")
+        object.__setattr__(self, "mode", PullReading(self.mode))
         if not (math.isfinite(self.geodesic_distance) and self.geodesic_distance > 0.0):
             raise InputError(f"geodesic_distance must be > 0, got {self.geodesic_distance!r}")
         limit = STRETCH_LIMIT * self.geodesic_distance
@@ -138,10 +142,11 @@ class FlatteningTarget:
         return float(np.hypot(*(ends[1] - ends[0])))
 
     def pulled_further(self, gain: float, extra: float) -> FlatteningTarget:
-        """The same pull with each hand going `gain` times as far and `extra` metres more.
+        """Return the target with each hand's pull lengthened by a gain and an offset.
 
-        Cloth slides and stretches a little before the last of a wrinkle gives way. No hand goes so far that the grippers
-        would end further apart than STRETCH_LIMIT x the geodesic distance less STRETCH_MARGIN, and none less far than before.
+        Each hand moves gain * pull_distance + extra, metres, because cloth slides and stretches
+        before the rest of a wrinkle is pulled out. The lengthening is reduced so that the grippers
+        end at most STRETCH_LIMIT x geodesic distance - STRETCH_MARGIN apart; no pull is shortened.
 
         Raises:
             InputError: a gain below 1, an extra below 0, or one of them not finite.
@@ -167,12 +172,16 @@ class FlatteningTarget:
             "p_WC": self.p_WC.tolist(),
             "wrinkle_direction": self.wrinkle_direction.tolist(),
             "geodesic_distance": float(self.geodesic_distance),
-            "mode": self.mode,
+            "mode": self.mode.value,
         }
 
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> FlatteningTarget:
-        """Read what `to_json` wrote. Raises InputError for missing or wrong fields."""
+        """Read what `to_json` wrote.
+
+        Raises:
+            InputError: a field is missing, unknown or unusable.
+        """
         _demand_keys(data, ("hands", "p_WC", "wrinkle_direction", "geodesic_distance", "mode"))
         hands = tuple(HandTarget.from_json(hand) for hand in data["hands"])
         return cls(**{**data, "hands": hands})
@@ -180,12 +189,12 @@ class FlatteningTarget:
 
 @dataclass(frozen=True)
 class NoTarget:
-    """There is nothing to pull, or no way to pull it.
+    """Why there is no flattening target.
 
     Attributes:
         reason: one sentence: what, where, by how much, what to try.
-        flat: True when the garment is flat enough (every wrinkle below the halting measure), so
-            that nothing needs to be done; False when there is a wrinkle that cannot be grasped.
+        flat: True if every wrinkle is below the halting pull; False if there is a wrinkle that
+            cannot be grasped.
     """
 
     reason: str
@@ -193,7 +202,7 @@ class NoTarget:
 
 
 def _share_within(begin: Vector, change: Vector, limit: float) -> float:
-    """Largest share, 0 to 1, of a change (2,) that keeps begin + share * change no longer than the limit."""
+    """Return the largest s in [0, 1] with |begin + s * change| <= limit, for vectors (2,)."""
     a, b = float(change @ change), float(begin @ change)
     c = float(begin @ begin) - limit * limit
     if a + 2.0 * b + c <= 0.0 or a == 0.0:

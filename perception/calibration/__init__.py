@@ -1,1 +1,1 @@
-"""Calibration of cameras, of the stereo head, and of a camera in the gripper."""
+"""Calibration of stereo cameras, of the stereo head, and of a gripper camera."""

@@ -1,6 +1,6 @@
-"""The least squares problem of a bundle adjustment, with exact derivatives, and its solver.
+"""Least-squares problem of a bundle adjustment with analytic derivatives, and its solver.
 
-Poses change by X <- X exp(twist); a twist is (v, w), metres and radians, in the pose's own frame.
+Poses are updated by X <- X exp(twist); a twist is (v, w), metres and radians, in the pose's frame.
 """
 
 import logging
@@ -19,24 +19,29 @@ from unwrinkle.perception.calibration.projection import (
     project_with_derivatives,
     with_step,
 )
-from unwrinkle.perception.calibration.rig import Rig, Shot, moved
+from unwrinkle.perception.calibration.rig import BoardObservation, Rig, moved
 
-_STEPS = 60
-_SETTLED = 1e-8  # relative decrease of the cost
-_STIFFEST = 1e12
+#: Limit of Levenberg-Marquardt steps.
+_MAX_STEPS = 60
+
+#: Relative decrease of the cost at convergence.
+_CONVERGED = 1e-8
+
+#: Limit of the damping.
+_MAX_DAMPING = 1e12
 
 _log = logging.getLogger(__name__)
 
 State = tuple[Rig, NDArray[np.float64]]
 
 
-class Problem:
-    """Residuals and their derivatives over one vector of unknowns."""
+class BundleProblem:
+    """Residuals of a bundle adjustment and their derivatives by one vector of unknowns."""
 
     def __init__(
         self,
         rig: Rig,
-        shots: list[Shot],
+        shots: list[BoardObservation],
         intrinsics: bool,
         mounts: bool,
         bases: bool,
@@ -76,7 +81,7 @@ class Problem:
         self.start: State = rig, np.zeros(self.size - self.joint_start)
 
     def _slots(self, count: int, free: bool, held: int = 0) -> NDArray[np.intp]:
-        """First unknown of each of `count` blocks of six; -1 where held."""
+        """Allocate `count` blocks of six unknowns; return the first index of each, -1 if held."""
         slots = np.full(count, -1)
         if free:
             slots[held:] = self.size + 6 * np.arange(count - held)
@@ -104,7 +109,7 @@ class Problem:
         return changed, joints + step[self.joint_start :]
 
     def _chain(self, state: State) -> tuple[NDArray[np.float64], ...]:
-        """Points in C, M, B, and the rotations R_CM, R_CB, R_CT of each shot."""
+        """Return the points in C, M, B, and R_CM, R_CB, R_CT of each observation."""
         rig, joints = state
         X_CM = np.array([inverse(X) for X in rig.mounts])[self.eye]
         X_BA = np.array([inverse(X) for X in rig.bases])[self.base]
@@ -126,32 +131,34 @@ class Problem:
         R_CB = R_CM @ X_MB[:, :3, :3]
         return p_C, p_M, p_B, R_CM, R_CB, X_CT[:, :3, :3]
 
-    def _mount(self, shot: Shot, slots: NDArray[np.intp], joints: NDArray[np.float64]) -> Pose:
+    def _mount(
+        self, shot: BoardObservation, slots: NDArray[np.intp], joints: NDArray[np.float64]
+    ) -> Pose:
         if slots[0] < 0:
             return shot.X_BM
         return moved(shot.X_BM, joints[slots[: len(shot.axes)] - self.joint_start] @ shot.axes)
 
     def misses(self, rig: Rig, joints: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Seen minus predicted corners, (points, 2) pixels; infinite for a board behind."""
+        """Return seen minus predicted corners (points, 2), pixels; infinite for points behind."""
         p_C = self._chain((rig, joints))[0]
         if p_C[:, 2].min() <= 0.0:
             return np.full(self.seen.shape, np.inf)
         return np.asarray(self.seen - project_with_derivatives(p_C, self._constants(rig))[0])
 
     def residual(self, state: State) -> NDArray[np.float64]:
-        """Misses and joint errors over their noise."""
+        """Return the corner residuals and joint errors, divided by their standard deviations."""
         rig, joints = state
         weighted = self.weight[:, None] * self.misses(rig, joints)
         return np.concatenate([weighted.ravel(), self.prior * joints])
 
     def _constants(self, rig: Rig) -> NDArray[np.float64]:
-        """Fx, fy, cx, cy, k1, k2, p1, p2, k3 of each point's camera, (points, 9)."""
+        """Return fx, fy, cx, cy, k1, k2, p1, p2, k3 of each point's camera, (points, 9)."""
         return np.array([constants(camera) for camera in rig.cameras])[self.eye[self.shot]]
 
     def derivatives(self, state: State) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-        """Of the predictions over their noise, (points, 2, 26), and which unknowns they are by.
+        """Return the derivatives (points, 2, 26) of the weighted predictions, and their unknowns.
 
-        The numbers of the unknowns, (shots, 26), are -1 for what is held.
+        The indices of the unknowns are (observations, 26), -1 for held ones.
         """
         p_C, p_M, p_B, R_CM, R_CB, R_CT = self._chain(state)
         _, by_point, by_camera = project_with_derivatives(p_C, self._constants(state[0]))
@@ -184,7 +191,7 @@ class Problem:
     def normal_equations(
         self, state: State, residual: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The matrix (unknowns, unknowns) and the right-hand side of a step."""
+        """Return the normal matrix (unknowns, unknowns) and the right-hand side of a step."""
         derivatives, unknowns = self.derivatives(state)
         matrix, side = np.zeros((self.size, self.size)), np.zeros(self.size)
         stops = [*self.starts[1:], len(self.points)]
@@ -193,7 +200,7 @@ class Problem:
             free = unknowns[row] >= 0
             mine = unknowns[row, free]
             J = derivatives[start:stop, :, free].reshape(-1, mine.size)
-            # Products this small are slower on several threads; einsum uses one.
+            # einsum runs on one thread, which is faster for products this small.
             matrix[np.ix_(mine, mine)] += np.einsum("ni,nj->ij", J, J)
             side[mine] += np.einsum("ni,n->i", J, misses[start:stop].ravel())
         joints = np.arange(self.joint_start, self.size)
@@ -202,8 +209,10 @@ class Problem:
         return matrix, side
 
 
-def levenberg_marquardt(problem: Problem, start: State | None) -> tuple[State, NDArray[np.float64]]:
-    """Return the best state and the covariance of the unknowns there."""
+def levenberg_marquardt(
+    problem: BundleProblem, start: State | None
+) -> tuple[State, NDArray[np.float64]]:
+    """Minimise the cost; return the state and the covariance of the unknowns."""
     state = start or problem.start
     residual = problem.residual(state)
     cost = float(residual @ residual)
@@ -212,11 +221,11 @@ def levenberg_marquardt(problem: Problem, start: State | None) -> tuple[State, N
             "calibration: a board lies behind its camera at the start; check the poses"
         )
     damping = 1e-4
-    for _ in range(_STEPS):
+    for _ in range(_MAX_STEPS):
         normal, gradient = problem.normal_equations(state, residual)
         scale = np.diag(normal).copy()
         scale[scale == 0.0] = 1.0
-        while damping < _STIFFEST:
+        while damping < _MAX_DAMPING:
             try:
                 factor = cho_factor(normal + np.diag(damping * scale))
             except LinAlgError:
@@ -230,7 +239,7 @@ def levenberg_marquardt(problem: Problem, start: State | None) -> tuple[State, N
             damping *= 10.0
         else:
             break
-        settled = cost - cost_tried <= _SETTLED * cost
+        settled = cost - cost_tried <= _CONVERGED * cost
         state, residual, cost = tried, residual_tried, cost_tried
         damping = max(0.1 * damping, 1e-12)
         if settled:

@@ -1,8 +1,8 @@
-"""Calibration boards: chessboards and ChArUco boards, and where their corners are in an image.
+"""Calibration boards (chessboard and ChArUco) and the detection of their corners.
 
-Board frame T: the origin at the first inner corner, x along a row of corners, y along a column, z
-into the board, away from who looks at it. Where z points so, a chessboard's first inner square
-(between its first four corners) is dark. Pixel (0, 0) is the centre of the image's first pixel.
+Board frame T: origin at the first inner corner, x along a row of corners, y along a column, z into
+the board, away from the viewer. The first inner square of a chessboard (between its first four
+corners) is dark. Pixel (0, 0) is the centre of the image's first pixel.
 """
 
 from dataclasses import dataclass
@@ -19,19 +19,35 @@ from unwrinkle.models.arrays import Pose
 from unwrinkle.models.transforms import pose
 from unwrinkle.perception.camera import Camera
 
-_FEWEST_CORNERS = 3
-_SEARCH_SIZES = (1300, 2600)  # longest side of the image, pixels, in which a board is looked for
-_WINDOW = 0.45  # half window of the refinement over the lowest height of a square in the image
-_NARROWEST, _WIDEST = 2, 60
-_SMOOTHING = 0.05  # standard deviation over the half window
-_FURTHEST = 0.35  # of a square: a refined corner that went further is another one
-_MOST_OFF = 0.2
-_FEWEST_SHARE = 0.25  # of a ChArUco board's corners
+#: Least number of inner corners along a side.
+_MIN_CORNERS = 3
+
+#: Longest sides of the reduced images in which a board is searched in turn, pixels.
+_SEARCH_SIZES_PX = (1300, 2600)
+
+#: Half window of the corner refinement, fraction of the least height of a square in the image.
+_WINDOW_FRACTION = 0.45
+
+#: Limits of the half window, pixels.
+_MIN_WINDOW_PX = 2
+_MAX_WINDOW_PX = 60
+
+#: Sigma of the smoothing before the refinement, fraction of the half window.
+_SMOOTHING_FRACTION = 0.05
+
+#: Largest shift of a corner in the refinement, fraction of a square's side.
+_MAX_SHIFT_FRACTION = 0.35
+
+#: Largest fraction of detected corners that are off the board's plane.
+_MAX_OUTLIER_FRACTION = 0.2
+
+#: Least fraction of a ChArUco board's corners.
+_MIN_CORNER_FRACTION = 0.25
 
 
 @dataclass(frozen=True)
 class Board:
-    """A flat pattern of squares.
+    """Calibration board: a flat pattern of squares.
 
     Attributes:
         columns, rows: inner corners along x and y.
@@ -42,7 +58,7 @@ class Board:
 
     Raises:
         InputError: too few corners, a size that is not positive, an unknown dictionary, or a
-            chessboard that looks the same upside down.
+            chessboard that is symmetric under half a turn.
     """
 
     columns: int = 0
@@ -52,11 +68,11 @@ class Board:
     marker: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse boards that cannot be found or told from their own half turn."""
+        """Check that the board is detectable and its orientation unambiguous."""
         label = f"board {self.columns}x{self.rows}"
-        if min(self.columns, self.rows) < _FEWEST_CORNERS:
+        if min(self.columns, self.rows) < _MIN_CORNERS:
             raise InputError(
-                f"{label}: needs at least {_FEWEST_CORNERS} inner corners a side; count the "
+                f"{label}: needs at least {_MIN_CORNERS} inner corners a side; count the "
                 "corners where four squares meet, not the squares"
             )
         if not 0.0 < self.square < 1.0:
@@ -80,26 +96,26 @@ class Board:
 
     @property
     def points_T(self) -> NDArray[np.float64]:
-        """Inner corners, row by row, (columns * rows, 3) metres in the board's frame."""
+        """Inner corners in the board's frame, row by row, (columns * rows, 3), metres."""
         x, y = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
         places = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
         return np.asarray(self.square * places, dtype=float)
 
     def __str__(self) -> str:
-        """Say what to look for."""
+        """Return the description for messages."""
         kind = f"ChArUco ({self.dictionary})" if self.dictionary else "chessboard"
         return f"{kind} of {self.columns}x{self.rows} inner corners"
 
 
 @dataclass(frozen=True, eq=False)
 class BoardView:
-    """A board seen in an image.
+    """Corners of a calibration board detected in an image.
 
     Attributes:
-        points_T: (n, 3) the corners seen, metres in the board's frame.
-        corners: (n, 2) where they are in the image, pixels.
+        points_T: (n, 3) the corners in the board's frame, metres.
+        corners: (n, 2) their positions in the image, pixels.
         ids: (n,) their numbers on the board.
-        width, height: of the image, pixels.
+        width, height: size of the image, pixels.
         name: of the image, for messages.
     """
 
@@ -111,7 +127,7 @@ class BoardView:
     name: str = "image"
 
     def __post_init__(self) -> None:
-        """Copy and make read-only.
+        """Check and copy the arrays and make them read-only.
 
         Raises:
             InputError: the arrays' lengths differ or a corner is not finite.
@@ -132,11 +148,11 @@ class BoardView:
 
 @dataclass(frozen=True)
 class NoBoard:
-    """No usable board is in the image.
+    """Why no usable board was detected in an image.
 
     Attributes:
         name: of the image.
-        reason: what was found instead.
+        reason: what is wrong, and what to try.
     """
 
     name: str
@@ -144,17 +160,17 @@ class NoBoard:
 
 
 def load_grey(path: str | Path) -> NDArray[np.uint8]:
-    """Return the (h, w) brightness of an image file, as the sensor's pixels lie.
+    """Load an image file as grey levels (h, w) uint8, in the sensor's orientation.
 
     Raises:
-        InputError: the file is missing or is no image.
+        InputError: the file is missing or not an image.
     """
     path = Path(path)
     try:
         encoded = np.frombuffer(path.read_bytes(), dtype=np.uint8)
     except OSError:
         raise InputError(f"{path}: no such image; check the name or the folder") from None
-    # A note in the file how to turn it for display must not turn one eye's image.
+    # Ignore the file's display orientation: calibration needs the sensor's pixels.
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
     image = cv2.imdecode(encoded, flags) if encoded.size else None
     if image is None:
@@ -165,25 +181,24 @@ def load_grey(path: str | Path) -> NDArray[np.uint8]:
 def find_board(
     image: NDArray[np.uint8], board: Board, *, name: str = "image"
 ) -> BoardView | NoBoard:
-    """Find a board's corners to a small part of a pixel.
+    """Detect a board's corners with sub-pixel accuracy.
 
-    The board is looked for in a smaller image, then its corners are refined in the whole one, where
-    a corner is the point that the gradients around it are square to (Foerstner's operator, as
-    OpenCV has it), in a window of half a square.
+    The board is detected in a reduced image; its corners are refined in the full one by Foerstner's
+    operator (OpenCV's `cornerSubPix`) in a window of about half a square.
 
     Args:
         image: (h, w) uint8.
-        board: all of a chessboard must be seen, a part of a ChArUco board is enough.
+        board: a chessboard must be fully visible, a ChArUco board partly.
         name: for messages.
 
     Raises:
-        InputError: the array is no grey image.
+        InputError: the array is not a grey image.
     """
     if image.ndim != 2 or image.dtype != np.uint8:
         raise InputError(f"{name}: image is {image.dtype} {image.shape}, wanted uint8 (h, w)")
     longest = max(image.shape)
     reason = f"no {board} in it; show all of it, sharp and well lit"
-    for size in _SEARCH_SIZES:
+    for size in _SEARCH_SIZES_PX:
         scale = min(1.0, size / longest)
         small = image
         if scale < 1.0:
@@ -211,7 +226,7 @@ def _chessboard(
     size = (board.columns, board.rows)
     flags = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE
     found, corners = cv2.findChessboardCorners(image, size, flags=flags)
-    if not found:  # slower, and sees through more blur and noise
+    if not found:  # slower, but more robust to blur and noise
         found, corners = cv2.findChessboardCornersSB(
             image, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE
         )
@@ -220,7 +235,7 @@ def _chessboard(
     grid = np.asarray(corners, dtype=float).reshape(board.rows, board.columns, 2)
     across, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
     if across[0] * down[1] - across[1] * down[0] < 0.0:
-        grid = grid[:, ::-1]  # no board is seen from behind
+        grid = grid[:, ::-1]  # boards are seen from the front only
     middles = 0.25 * (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:])
     shade = cv2.remap(image, middles.astype(np.float32), None, cv2.INTER_LINEAR).astype(float)
     rows, columns = np.indices(shade.shape)
@@ -233,22 +248,22 @@ def _chessboard(
 def _charuco(
     image: NDArray[np.uint8], board: Board
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.intp]]:
-    """Return the corners of a ChArUco board that are seen, and their numbers, or None."""
+    """Return the detected corners of a ChArUco board and their numbers, or None."""
     corners, ids, _, _ = _charuco_detector(board).detectBoard(image)
-    if ids is None or len(ids) < max(6, _FEWEST_SHARE * board.columns * board.rows):
+    if ids is None or len(ids) < max(6, _MIN_CORNER_FRACTION * board.columns * board.rows):
         return None, np.zeros(0, dtype=np.intp)
     numbers = np.asarray(ids, dtype=np.intp).ravel()
     x, y = numbers % board.columns, numbers // board.columns
-    if np.ptp(x) == 0 or np.ptp(y) == 0:  # on one line: no pose
+    if np.ptp(x) == 0 or np.ptp(y) == 0:  # collinear corners determine no pose
         return None, np.zeros(0, dtype=np.intp)
     return np.asarray(corners, dtype=float).reshape(-1, 2), numbers
 
 
 def board_pose(view: BoardView, camera: Camera) -> Pose:
-    """X_CT (4, 4) of one board in the camera's frame, by least reprojection error.
+    """Estimate X_CT (4, 4), the board in the camera's frame, by least reprojection error.
 
     Raises:
-        InputError: its corners give no pose.
+        InputError: the corners determine no pose.
     """
     distortion = np.array(camera.distortion) if camera.distortion else None
     found, turn, p = cv2.solvePnP(
@@ -261,7 +276,7 @@ def board_pose(view: BoardView, camera: Camera) -> Pose:
 
 
 def charuco_board(board: Board) -> Any:
-    """Return OpenCV's own description of a ChArUco board, which draws it too."""
+    """Return OpenCV's `CharucoBoard`, which detects and draws the board."""
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
     size = (board.columns + 1, board.rows + 1)
     return cv2.aruco.CharucoBoard(size, board.square, board.marker, dictionary)
@@ -274,40 +289,40 @@ def _charuco_detector(board: Board) -> Any:
 def _refined(
     image: NDArray[np.uint8], board: Board, rough: NDArray[np.float64], ids: NDArray[np.intp]
 ) -> NDArray[np.float64] | str:
-    """Return the corners to sub-pixels, or why they cannot be trusted."""
+    """Return the corners refined to sub-pixels, or the reason why they are unusable."""
     base = board.points_T[ids][:, :2]
     homography, _ = cv2.findHomography(base, rough, cv2.LMEDS)
     if homography is None:
         return "the corners found lie on one line; turn the board towards the camera"
     homography = np.asarray(homography)
     side, height = _square_in_image(homography, board, ids)
-    # The search sometimes puts a corner or two half a square off.
+    # The detection is sometimes off by half a square at a corner or two.
     plane = _mapped(homography, base)
-    off = np.linalg.norm(plane - rough, axis=1) > _FURTHEST * side
-    if off.mean() > _MOST_OFF:
+    off = np.linalg.norm(plane - rough, axis=1) > _MAX_SHIFT_FRACTION * side
+    if off.mean() > _MAX_OUTLIER_FRACTION:
         return f"{off.mean():.0%} of the corners found do not lie on a flat board; is it bent?"
     rough = np.where(off[:, None], plane, rough)
-    clear = _WINDOW
-    if board.dictionary:  # to the nearest marker
+    clear = _WINDOW_FRACTION
+    if board.dictionary:  # distance to the nearest marker
         clear = min(clear, 0.5 * (1.0 - board.marker / board.square))
-    half = int(np.clip(np.floor(clear * height), _NARROWEST, _WIDEST))
+    half = int(np.clip(np.floor(clear * height), _MIN_WINDOW_PX, _MAX_WINDOW_PX))
     margin = half + 2
     inside = (rough >= margin) & (rough <= np.array(image.shape)[::-1] - 1 - margin)
     if not inside.all():
         return "a corner lies at the image's border; show all of the board"
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
-    # Of noise the gradients have more than of edges: smoothing takes two thirds of the error away.
+    # Smooth against noise in the gradients: this removes two thirds of the error.
     first = np.maximum(np.floor(rough.min(axis=0)).astype(int) - 2 * margin, 0)
     last = np.ceil(rough.max(axis=0)).astype(int) + 2 * margin
     part = image[first[1] : last[1] + 1, first[0] : last[0] + 1].astype(np.float32)
-    smooth = cv2.GaussianBlur(part, (0, 0), _SMOOTHING * half)
+    smooth = cv2.GaussianBlur(part, (0, 0), _SMOOTHING_FRACTION * half)
     start = (rough - first).astype(np.float32).reshape(-1, 1, 2)
     found = cv2.cornerSubPix(smooth, start, (half, half), (-1, -1), criteria)
     corners = np.asarray(found, dtype=float).reshape(-1, 2) + first
     moved = float(np.max(np.linalg.norm(corners - rough, axis=1)))
-    if moved > _FURTHEST * side:
+    if moved > _MAX_SHIFT_FRACTION * side:
         return (
-            f"a corner moved by {moved:.1f} px in the refinement, more than {_FURTHEST:.0%} of a "
+            f"a corner moved by {moved:.1f} px in the refinement, more than {_MAX_SHIFT_FRACTION:.0%} of a "
             f"square of {side:.0f} px; is the image sharp?"
         )
     return corners
@@ -316,7 +331,7 @@ def _refined(
 def _square_in_image(
     homography: NDArray[np.float64], board: Board, ids: NDArray[np.intp]
 ) -> tuple[float, float]:
-    """Shortest side and lowest height of the squares at the given corners, pixels."""
+    """Return the least side and the least height, pixels, of the squares at the corners."""
     base = board.points_T[ids][:, :2]
     a, b = np.array([board.square, 0.0]), np.array([0.0, board.square])
 

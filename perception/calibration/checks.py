@@ -1,4 +1,4 @@
-"""What a calibration refuses, and which view does not belong: the rules, each in one place."""
+"""Acceptance checks of a calibration, and detection of outlying views."""
 
 from collections.abc import Sequence
 
@@ -9,25 +9,40 @@ from scipy.spatial.transform import Rotation
 from unwrinkle.models import InputError
 from unwrinkle.perception.calibration.boards import BoardView
 
+#: Least number of views.
 FEWEST_VIEWS = 8
-MOST_RESIDUAL = 1.0  # pixels
-_MOST_REJECTED = 0.34
-_OUTLYING = 3.0  # times the median view's RMS
-_LEAST_OUTLYING = 0.25  # pixels: no view below this is an outlier
-_MOST_FOCAL_SIGMA = 0.01
-_LEAST_TILT = np.radians(12.0)
-_LISTED = 3
+
+#: Largest RMS reprojection error, pixels.
+MOST_RESIDUAL = 1.0
+
+#: Largest fraction of rejected views.
+_MAX_REJECTED_FRACTION = 0.34
+
+#: RMS error of an outlying view, multiples of the median view's.
+_OUTLIER_RATIO = 3.0
+
+#: Least RMS error of an outlying view, pixels.
+_MIN_OUTLIER_PX = 0.25
+
+#: Largest relative standard deviation of the focal length.
+_MAX_FOCAL_SIGMA = 0.01
+
+#: Least range of the boards' tilts about either axis, radians.
+_MIN_TILT_RAD = np.radians(12.0)
+
+#: Limit of the rejected views listed in a message.
+_MAX_LISTED = 3
 
 
 def worst_outlier(rms: NDArray[np.float64]) -> int | None:
-    """Index of the view that fits worst, if it fits far worse than most; else None."""
+    """Return the index of the view with the largest error if it is an outlier, else None."""
     worst = int(np.argmax(rms))
-    limit = max(_LEAST_OUTLYING, _OUTLYING * float(np.median(rms)))
+    limit = max(_MIN_OUTLIER_PX, _OUTLIER_RATIO * float(np.median(rms)))
     return worst if rms[worst] > limit else None
 
 
 def check_residual(rms: float, name: str) -> None:
-    """Refuse a fit that is no calibration.
+    """Check the RMS reprojection error of a fit.
 
     Raises:
         InputError: the RMS reprojection error is over 1 px.
@@ -40,12 +55,12 @@ def check_residual(rms: float, name: str) -> None:
 
 
 def check_rejected(kept: int, rejected: list[str]) -> None:
-    """Refuse to throw away a third of the views: then it is not the views that are wrong.
+    """Check that at most a third of the views are rejected.
 
     Raises:
-        InputError: the message names those that were left out.
+        InputError: too many are rejected; the message lists them.
     """
-    if len(rejected) > _MOST_REJECTED * (kept + len(rejected)):
+    if len(rejected) > _MAX_REJECTED_FRACTION * (kept + len(rejected)):
         raise InputError(
             f"calibration: {len(rejected)} of {kept + len(rejected)} views do not fit, at most a "
             f"third may be left out{listed(rejected)}; check board, order and angles"
@@ -53,18 +68,18 @@ def check_rejected(kept: int, rejected: list[str]) -> None:
 
 
 def listed(rejected: Sequence[str]) -> str:
-    """Return the first reasons in brackets, for a message; nothing where there are none."""
+    """Format the first rejections for a message; empty without any."""
     if not rejected:
         return ""
-    more = f"; {len(rejected) - _LISTED} more" if len(rejected) > _LISTED else ""
-    return f" (left out: {'; '.join(rejected[:_LISTED])}{more})"
+    more = f"; {len(rejected) - _MAX_LISTED} more" if len(rejected) > _MAX_LISTED else ""
+    return f" (left out: {'; '.join(rejected[:_MAX_LISTED])}{more})"
 
 
 def check_sizes(views: list[BoardView], name: str) -> None:
-    """Refuse images of different sizes from one camera.
+    """Check that all images of a camera have one size.
 
     Raises:
-        InputError: the message names one image of each size.
+        InputError: they differ; the message names one image of each size.
     """
     sizes: dict[tuple[int, int], str] = {}
     for view in views:
@@ -77,10 +92,10 @@ def check_sizes(views: list[BoardView], name: str) -> None:
 
 
 def check_count(count: int, rejected: list[str]) -> None:
-    """Refuse fewer than 8 views.
+    """Check that there are at least 8 views.
 
     Raises:
-        InputError: the message says which were left out.
+        InputError: there are fewer; the message lists the rejected ones.
     """
     if count < FEWEST_VIEWS:
         raise InputError(
@@ -90,35 +105,35 @@ def check_count(count: int, rejected: list[str]) -> None:
 
 
 def check_focal(name: str, loose: float) -> None:
-    """Refuse a focal length that is known to worse than 1 % (one sigma, relative).
+    """Check that the relative standard deviation of the focal length is at most 1 %.
 
     Raises:
-        InputError: by how much it is open.
+        InputError: it is larger.
     """
-    if not loose <= _MOST_FOCAL_SIGMA:
+    if not loose <= _MAX_FOCAL_SIGMA:
         raise InputError(
             f"{name} camera: the views leave its focal length open by {loose:.1%}, wanted "
-            f"{_MOST_FOCAL_SIGMA:.0%} or less; tilt the board by 20 to 40 degrees about two axes, "
+            f"{_MAX_FOCAL_SIGMA:.0%} or less; tilt the board by 20 to 40 degrees about two axes, "
             "and fill more of the image"
         )
 
 
 def check_tilts(turns: NDArray[np.float64], name: str) -> None:
-    """Refuse boards held alike in all views: the focal length is then anything.
+    """Check that the boards are tilted about two axes, which the focal length requires.
 
     Args:
         turns: (n, 3) rotation vectors of the boards in the camera's frame.
         name: of the camera.
 
     Raises:
-        InputError: by how much the boards' normals differ along both principal directions.
+        InputError: the boards' normals vary too little along a principal direction.
     """
     normals = Rotation.from_rotvec(turns).as_matrix()[:, :2, 2]
     _, _, axes = np.linalg.svd(normals - normals.mean(axis=0))
     most, least = sorted(np.ptp(normals @ axes.T, axis=0), reverse=True)
-    if least < _LEAST_TILT:
+    if least < _MIN_TILT_RAD:
         raise InputError(
             f"{name} camera: the board is tilted by {np.degrees(most):.0f} degrees about one axis "
             f"and by {np.degrees(least):.0f} about the other, wanted at least "
-            f"{np.degrees(_LEAST_TILT):.0f} about both; tilt it more, by 20 to 40 degrees"
+            f"{np.degrees(_MIN_TILT_RAD):.0f} about both; tilt it more, by 20 to 40 degrees"
         )

@@ -1,4 +1,4 @@
-"""What a calibration reads and writes: pairs of images by name, looks, poses, results."""
+"""Files of a calibration: image pairs, head views, gripper views, results."""
 
 import dataclasses
 import re
@@ -15,22 +15,27 @@ from unwrinkle.models.arrays import Pose
 from unwrinkle.models.files import write_text
 from unwrinkle.models.transforms import PoseRecord
 from unwrinkle.perception.calibration.boards import Board, BoardView, NoBoard, find_board, load_grey
-from unwrinkle.perception.calibration.head import HeadLook
+from unwrinkle.perception.calibration.head import HeadView
 from unwrinkle.perception.calibration.stereo import PairView, StereoCalibration
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.stereo.head import Gaze
 
+#: Suffixes of image files.
 IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 _SIDE = re.compile(r"left|right", re.IGNORECASE)
+#: Threads for the detection of boards.
 _WORKERS = 2
-_NAMELESS = "pair"  # left.png and right.png, with nothing else in their names
 
-Told = Callable[[int, int, str], None]
+#: Name of the pair left.png, right.png.
+_NAMELESS = "pair"
+
+#: Callback with the number of images done, the number of all, and the file's name.
+Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)
 class ImagePair:
-    """Two image files of one moment; `name` is what their names have in common."""
+    """Two simultaneous image files; `name` is the common part of their names."""
 
     name: str
     left: Path
@@ -38,8 +43,8 @@ class ImagePair:
 
 
 @dataclass(frozen=True)
-class EyeLook:
-    """One eye in a file of looks: its image (empty for none) and its angles in radians."""
+class EyeImage:
+    """One eye in looks.yaml: its image (empty for none) and its angles, radians."""
 
     image: str = ""
     pan: float = float("nan")
@@ -47,56 +52,56 @@ class EyeLook:
 
 
 @dataclass(frozen=True)
-class LookRecord:
-    """One look in a file of looks.
+class HeadViewRecord:
+    """One head view in looks.yaml.
 
     Attributes:
-        name: for messages; may be left out.
-        left, right: image and angles.
+        name: for messages; optional.
+        left, right: image and angles of each eye.
         ext_axis: angle of the turn-table, radians.
-        place: which place the board was at; the same everywhere unless it was moved.
+        place: label of the board's place; change it when the board is moved.
     """
 
     name: str = ""
-    left: EyeLook = field(default_factory=EyeLook)
-    right: EyeLook = field(default_factory=EyeLook)
+    left: EyeImage = field(default_factory=EyeImage)
+    right: EyeImage = field(default_factory=EyeImage)
     ext_axis: float = 0.0
     place: str = ""
 
 
 @dataclass(frozen=True)
-class Looks:
-    """The schema of looks.yaml; images are named relative to it."""
+class HeadViews:
+    """Schema of looks.yaml; image paths are relative to it."""
 
-    looks: list[LookRecord] = field(default_factory=list)
+    looks: list[HeadViewRecord] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
-class GripperLook:
-    """One look of a camera in the gripper: its image, and X_WG, the gripper's pose then."""
+class GripperView:
+    """One view of the gripper camera: its image and X_WG, the gripper's pose."""
 
     image: str = ""
     pose: PoseRecord = field(default_factory=PoseRecord)
 
 
 @dataclass(frozen=True)
-class GripperLooks:
-    """The schema of poses.yaml; images are named relative to it."""
+class GripperViews:
+    """Schema of poses.yaml; image paths are relative to it."""
 
-    looks: list[GripperLook] = field(default_factory=list)
+    looks: list[GripperView] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
 class MountedCamera:
-    """A camera in the gripper, as its calibration's file states it.
+    """Calibrated gripper camera, as stored in its file.
 
     Attributes:
         date: YYYY-MM-DD.
         camera: intrinsics.
-        mount: X_GC, the camera in the gripper's frame.
+        mount: X_GC, pose of the camera in the gripper's frame.
         residual: RMS reprojection error, pixels.
-        views: looks that it rests on.
-        rejected: the looks left out, with the reason.
+        views: number of views used.
+        rejected: rejected views, with the reason.
     """
 
     date: str = ""
@@ -108,13 +113,13 @@ class MountedCamera:
 
 
 def find_pairs(paths: Sequence[Path]) -> list[ImagePair]:
-    """Pair image files whose names differ in `left` and `right` only.
+    """Pair image files whose names differ only in `left` and `right`.
 
     Args:
         paths: image files, or folders of them.
 
     Raises:
-        InputError: no images, a name without left or right, or an image without its partner.
+        InputError: no images, a name without left or right, or an image without its counterpart.
     """
     files: list[Path] = []
     for path in paths:
@@ -147,17 +152,17 @@ def find_pairs(paths: Sequence[Path]) -> list[ImagePair]:
 
 
 def find_boards(
-    images: Sequence[Path], board: Board, told: Told | None = None
+    images: Sequence[Path], board: Board, progress: Progress | None = None
 ) -> list[BoardView | NoBoard]:
-    """Find a board in each image file, two at a time.
+    """Detect a board in each image file.
 
     Args:
-        images: files.
-        board: to look for.
-        told: called with the number done, the number of all, and the file's name.
+        images: image files.
+        board: the board.
+        progress: called after each file.
 
     Raises:
-        InputError: a file is missing or is no image.
+        InputError: a file is missing or not an image.
     """
 
     def find(path: Path) -> BoardView | NoBoard:
@@ -167,20 +172,22 @@ def find_boards(
     with ThreadPoolExecutor(_WORKERS) as workers:
         for path, view in zip(images, workers.map(find, images), strict=True):
             found.append(view)
-            if told is not None:
-                told(len(found), len(images), path.name)
+            if progress is not None:
+                progress(len(found), len(images), path.name)
     return found
 
 
-def view_pairs(
-    pairs: Sequence[ImagePair], board: Board, told: Told | None = None
+def find_board_pairs(
+    pairs: Sequence[ImagePair], board: Board, progress: Progress | None = None
 ) -> tuple[list[PairView], list[str]]:
-    """Find the board in pairs of images; also say which pairs lack it, and why.
+    """Detect the board in image pairs; return the views, and a reason for each other pair.
 
     Raises:
-        InputError: a file is missing or is no image.
+        InputError: a file is missing or not an image.
     """
-    found = find_boards([file for pair in pairs for file in (pair.left, pair.right)], board, told)
+    found = find_boards(
+        [file for pair in pairs for file in (pair.left, pair.right)], board, progress
+    )
     views, missing = [], []
     for pair, left, right in zip(pairs, found[::2], found[1::2], strict=True):
         if isinstance(left, BoardView) and isinstance(right, BoardView):
@@ -190,15 +197,15 @@ def view_pairs(
     return views, missing
 
 
-def view_looks(
-    path: Path, board: Board, told: Told | None = None
-) -> tuple[list[HeadLook], list[str]]:
-    """Read looks.yaml and find the board in its images; also say where it is not, and why.
+def read_head_views(
+    path: Path, board: Board, progress: Progress | None = None
+) -> tuple[list[HeadView], list[str]]:
+    """Read looks.yaml and detect the board; return the views, and reasons for missing boards.
 
     Raises:
         InputError: the file or an image is missing or unreadable, or angles are missing.
     """
-    records = load_yaml(path, Looks).looks
+    records = load_yaml(path, HeadViews).looks
     if not records:
         raise InputError(f"{path}: has no looks; list them under 'looks'")
     names = [record.name or f"look {number + 1}" for number, record in enumerate(records)]
@@ -209,7 +216,7 @@ def view_looks(
                 raise InputError(f"{path}: {name} needs pan and tilt of both eyes, in radians")
             if side.image:
                 files[k, eye] = path.parent / side.image
-    found = dict(zip(files, find_boards(list(files.values()), board, told), strict=True))
+    found = dict(zip(files, find_boards(list(files.values()), board, progress), strict=True))
     looks, missing = [], []
     for k, (name, record) in enumerate(zip(names, records, strict=True)):
         sides = [found.get((k, eye)) for eye in (0, 1)]
@@ -217,33 +224,34 @@ def view_looks(
             missing.append(f"{name}: {reasons}")
         left, right = (side if isinstance(side, BoardView) else None for side in sides)
         angles = (record.left.pan, record.left.tilt, record.right.pan, record.right.tilt)
-        looks.append(HeadLook(name, Gaze(*angles, record.ext_axis), left, right, record.place))
+        looks.append(HeadView(name, Gaze(*angles, record.ext_axis), left, right, record.place))
     return looks, missing
 
 
-def view_poses(
-    path: Path, board: Board, told: Told | None = None
+def read_gripper_views(
+    path: Path, board: Board, progress: Progress | None = None
 ) -> tuple[list[Pose], list[BoardView], list[str]]:
-    """Read poses.yaml: X_WG of each look where the board was found, the board there, the rest.
+    """Read poses.yaml and detect the board; return X_WG and board of each view, and reasons.
 
     Raises:
-        InputError: the file or an image is missing or unreadable, or a pose is no rigid motion.
+        InputError: the file or an image is missing or unreadable, or a pose is not a rigid
+            transform.
     """
-    records = load_yaml(path, GripperLooks).looks
+    records = load_yaml(path, GripperViews).looks
     if not records:
         raise InputError(f"{path}: has no looks; list image and pose under 'looks'")
     X_WG = [record.pose.matrix(f"{path}: {record.image}") for record in records]
-    found = find_boards([path.parent / record.image for record in records], board, told)
+    found = find_boards([path.parent / record.image for record in records], board, progress)
     kept = [(X, view) for X, view in zip(X_WG, found, strict=True) if isinstance(view, BoardView)]
     missing = [f"{view.name}: {view.reason}" for view in found if isinstance(view, NoBoard)]
     return [X for X, _ in kept], [view for _, view in kept], missing
 
 
 def load_stereo(path: str | Path) -> StereoCalibration:
-    """Read a stereo calibration.
+    """Load a stereo calibration.
 
     Raises:
-        InputError: missing, unknown keys, or absurd; the message names the file.
+        InputError: missing file, unknown key or unusable value; the message names the file.
     """
     if not Path(path).is_file():
         raise InputError(f"{path}: no such file; make it with `unwrinkle calibrate stereo`")
@@ -251,10 +259,10 @@ def load_stereo(path: str | Path) -> StereoCalibration:
 
 
 def save_record(path: str | Path, record: StereoCalibration | MountedCamera) -> None:
-    """Write a calibration as YAML, whole or not at all.
+    """Write a calibration as YAML, atomically.
 
     Raises:
-        InputError: it cannot be written there.
+        InputError: the file cannot be written.
     """
     text = yaml.safe_dump(
         dataclasses.asdict(record), sort_keys=False, width=100, default_flow_style=None

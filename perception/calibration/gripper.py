@@ -1,4 +1,4 @@
-"""Where a camera in the gripper is (gripper to camera), from looks at a board that stays in place."""
+"""Calibration of a gripper camera (gripper-to-camera pose) from views of a fixed board."""
 
 import datetime
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from unwrinkle.perception.calibration.checks import (
     worst_outlier,
 )
 from unwrinkle.perception.calibration.hand_eye import HandEye, outlying, solve_hand_eye
-from unwrinkle.perception.calibration.rig import Rig, Shot
+from unwrinkle.perception.calibration.rig import BoardObservation, Rig
 from unwrinkle.perception.calibration.stereo import calibrate_camera
 from unwrinkle.perception.camera import Camera
 
@@ -27,13 +27,14 @@ class GripperFit:
 
     Attributes:
         camera: intrinsics.
-        X_GC: (4, 4) the camera in the gripper's frame.
-        X_WT: (4, 4) the board in the world.
+        X_GC: (4, 4) pose of the camera in the gripper's frame.
+        X_WT: (4, 4) pose of the board in the world.
         rms: reprojection error, pixels.
-        hand_eye: the solution before the minimisation.
-        views: the looks that it rests on.
-        residuals: seen minus predicted corners (n, 2) of each.
-        rejected: the looks left out, with the reason.
+        hand_eye: closed-form solution before the bundle adjustment.
+        views: the views used.
+        residuals: seen minus predicted corners (n, 2) of each view, pixels.
+        rejected: rejected views, with the reason.
+        date: of the calibration, YYYY-MM-DD.
     """
 
     camera: Camera
@@ -54,17 +55,17 @@ def calibrate_gripper_camera(
     *,
     date: datetime.date | None = None,
 ) -> GripperFit:
-    """Find the camera in the gripper's frame by Tsai-Lenz, then by least reprojection error.
+    """Estimate the camera in the gripper's frame: Tsai-Lenz, then bundle adjustment.
 
     Args:
-        X_WG: poses (4, 4) of the gripper in the world, one for each look.
-        views: the board in each look's image.
-        camera: intrinsics, which then stay as they are; None finds them from the same views.
-        date: of the calibration; None takes today.
+        X_WG: poses (4, 4) of the gripper in the world, one for each view.
+        views: the board in each image.
+        camera: intrinsics, which are held; None estimates them from the same views.
+        date: of the calibration; None for today.
 
     Raises:
-        InputError: fewer than 8 looks, too little turn about a second axis, methods that disagree,
-            too many looks that do not fit, or a residual over 1 px.
+        InputError: fewer than 8 views, too little rotation about a second axis, methods that
+            disagree, too many rejected views, or a residual above 1 px.
     """
     free = camera is None
     if camera is None:
@@ -86,7 +87,7 @@ def calibrate_gripper_camera(
     while True:
         solution = solve_hand_eye(poses, X_CT, name=name)
         rig = Rig((camera,), (solution.X_MC,), (np.eye(4),), (solution.X_BT,))
-        shots = [Shot(view, 0, 0, 0, X) for X, view in zip(poses, kept, strict=True)]
+        shots = [BoardObservation(view, 0, 0, 0, X) for X, view in zip(poses, kept, strict=True)]
         fit = adjust(rig, shots, intrinsics=free)
         worst = worst_outlier(fit.shot_rms)
         if worst is None:

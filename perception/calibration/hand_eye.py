@@ -1,11 +1,11 @@
-"""Hand-eye calibration: where a camera is on the mount that moves it, from A X = X B.
+"""Hand-eye calibration: the pose of a camera on its moving mount, from A X = X B.
 
-Frames: B the mechanism's base, M its moving mount, C the camera, T a board that stays in place.
-X_BT = X_BM X_MC X_CT is the same for every look, so for two looks i and j
+Frames: B the mechanism's base, M its moving mount, C the camera, T a fixed board.
+X_BT = X_BM X_MC X_CT is the same for every view, so for two views i and j
 
     A X = X B,  A = inverse(X_BM_j) X_BM_i,  X = X_MC,  B = X_CT_j inverse(X_CT_i).
 
-`tsai_lenz` is our own; it is checked against Park-Martin and Daniilidis as OpenCV has them.
+`tsai_lenz` is implemented here and checked against OpenCV's Park-Martin and Daniilidis.
 """
 
 from collections.abc import Sequence
@@ -22,12 +22,21 @@ from unwrinkle.models.arrays import Pose
 from unwrinkle.models.transforms import inverse, pose
 from unwrinkle.perception.calibration.projection import crosses
 
-FEWEST_LOOKS = 8
+#: Least number of views.
+MIN_VIEWS = 8
+
+#: Least range of rotation about a second axis, radians.
 LEAST_TURN = np.radians(6.0)
-_MOST_TURN_APART = np.radians(0.5)
-_MOST_SHIFT_APART = 0.015
-_TURN_FLOOR = np.radians(0.3)
-_OUTLYING = 6.0
+
+#: Largest disagreement of the methods, radians and metres.
+_MAX_DISAGREEMENT_RAD = np.radians(0.5)
+_MAX_DISAGREEMENT_M = 0.015
+
+#: Least inconsistency of an outlying view, radians.
+_MIN_OUTLIER_RAD = np.radians(0.3)
+
+#: Inconsistency of an outlying view, multiples of the median.
+_OUTLIER_RATIO = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,14 +44,13 @@ class HandEye:
     """Outcome of a hand-eye calibration.
 
     Attributes:
-        X_MC: (4, 4) the camera on its mount.
-        X_BT: (4, 4) the board in the mechanism's base, mean over the looks.
+        X_MC: (4, 4) pose of the camera on its mount.
+        X_BT: (4, 4) pose of the board in the base frame, mean over the views.
         turn_apart, shift_apart: largest disagreement of the other methods with X_MC, radians and
             metres.
-        spread: (3,) by how much the mount turned about its three principal axes, radians, most
-            first.
-        board_shift: (looks,) distance of the board from where X_BT has it, metres.
-        board_turn: (looks,) likewise, radians.
+        spread: (3,) range of the mount's rotation about its principal axes, radians, largest first.
+        board_shift: (views,) distance of the board from X_BT, metres.
+        board_turn: (views,) rotation of the board from X_BT, radians.
     """
 
     X_MC: Pose
@@ -57,44 +65,44 @@ class HandEye:
 def solve_hand_eye(
     X_BM: Sequence[Pose], X_CT: Sequence[Pose], *, name: str = "hand-eye calibration"
 ) -> HandEye:
-    """Find the camera on its mount, by Tsai-Lenz, and check it by two other methods.
+    """Estimate the camera on its mount by Tsai-Lenz and check it by two other methods.
 
     Args:
-        X_BM: poses (4, 4) of the mount, one for each look.
+        X_BM: poses (4, 4) of the mount, one for each view.
         X_CT: poses (4, 4) of the board in the camera's frame, in the same order.
         name: for messages.
 
     Raises:
-        InputError: fewer than 8 looks, too little turn about a second axis, or methods that
+        InputError: fewer than 8 views, too little rotation about a second axis, or methods that
             disagree.
     """
     if len(X_BM) != len(X_CT):
         raise InputError(f"{name}: {len(X_BM)} poses of the mount, {len(X_CT)} of the board")
-    if len(X_BM) < FEWEST_LOOKS:
+    if len(X_BM) < MIN_VIEWS:
         raise InputError(
-            f"{name}: {len(X_BM)} usable looks, wanted at least {FEWEST_LOOKS}; take more"
+            f"{name}: {len(X_BM)} usable looks, wanted at least {MIN_VIEWS}; take more"
         )
     spread, axes = turn_spread(X_BM)
     if spread[1] < LEAST_TURN:
         first, second = (np.round(axis, 2) + 0.0 for axis in axes[:2])
         raise InputError(
-            f"{name}: the mount turns by {np.degrees(spread[0]):.1f} degrees about its axis {first} "
-            f"but by only {np.degrees(spread[1]):.1f} about a second one, {second}; wanted at "
-            f"least {np.degrees(LEAST_TURN):.0f} about both, add looks turned about that axis"
+            f"{name}: the mount turns by {np.degrees(spread[0]):.1f} degrees about its axis "
+            f"{first} but by only {np.degrees(spread[1]):.1f} about a second one, {second}; wanted "
+            f"at least {np.degrees(LEAST_TURN):.0f} about both, add looks turned about that axis"
         )
     X_MC = tsai_lenz(X_BM, X_CT)
     others = [_by_opencv(X_BM, X_CT, method) for method in _CROSS_CHECKS.values()]
     turns = [angle_between(X_MC, other) for other in others]
     shifts = [float(np.linalg.norm(X_MC[:3, 3] - other[:3, 3])) for other in others]
-    if max(turns) > _MOST_TURN_APART or max(shifts) > _MOST_SHIFT_APART:
+    if max(turns) > _MAX_DISAGREEMENT_RAD or max(shifts) > _MAX_DISAGREEMENT_M:
         apart = ", ".join(
             f"{method} by {np.degrees(turn):.2f} degrees and {1e3 * shift:.1f} mm"
             for method, turn, shift in zip(_CROSS_CHECKS, turns, shifts, strict=True)
         )
         raise InputError(
             f"{name}: methods disagree with Tsai's ({apart}; at most "
-            f"{np.degrees(_MOST_TURN_APART):.1f} degrees and {1e3 * _MOST_SHIFT_APART:.0f} mm); the "
-            "angles or poses may not belong to the images, or turn the mount more"
+            f"{np.degrees(_MAX_DISAGREEMENT_RAD):.1f} degrees and {1e3 * _MAX_DISAGREEMENT_M:.0f} mm); "
+            "the angles or poses may not belong to the images, or turn the mount more"
         )
     boards = [M @ X_MC @ T for M, T in zip(X_BM, X_CT, strict=True)]
     X_BT = mean_pose(boards)
@@ -110,7 +118,7 @@ def solve_hand_eye(
 
 
 def tsai_lenz(X_BM: Sequence[Pose], X_CT: Sequence[Pose]) -> Pose:
-    """Return X_MC (4, 4) by the method of R. Y. Tsai and R. K. Lenz (1989), over all pairs of looks.
+    """Compute X_MC (4, 4) by R. Y. Tsai and R. K. Lenz (1989) over all pairs of views.
 
     Rotation: with P = 2 sin(angle / 2) axis of A and of B, solve (P_A + P_B) x P' = P_B - P_A
     (their Eq. 12), P = 2 P' / sqrt(1 + |P'|^2) (Eq. 14); then (R_A - I) p = R_X p_B - p_A (Eq. 15).
@@ -128,9 +136,9 @@ def tsai_lenz(X_BM: Sequence[Pose], X_CT: Sequence[Pose]) -> Pose:
 
 
 def turn_spread(X_BM: Sequence[Pose]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """By how much a mount turned: range (3,) about principal axes, radians, and the axes (3, 3).
+    """Return the range (3,) of a mount's rotation about its principal axes, radians, and the axes.
 
-    The axes are rows, in the mount's frame at its mean attitude; most turn first.
+    The axes (3, 3) are rows, in the mount's frame at its mean attitude; largest range first.
     """
     attitudes = Rotation.from_matrix(np.array([X[:3, :3] for X in X_BM]))
     vectors = (attitudes.mean().inv() * attitudes).as_rotvec()
@@ -141,10 +149,10 @@ def turn_spread(X_BM: Sequence[Pose]) -> tuple[NDArray[np.float64], NDArray[np.f
 
 
 def contradictions(X_BM: Sequence[Pose], X_CT: Sequence[Pose]) -> NDArray[np.float64]:
-    """By how much each look contradicts the others, (looks,) radians, whatever X_MC is.
+    """Return the inconsistency of each view with the others, (views,), radians, for any X_MC.
 
-    A and B turn by the same angle; a look's contradiction is the median, over its pairs with all
-    other looks, of the difference.
+    A and B rotate by the same angle. A view's inconsistency is the median difference of these
+    angles over its pairs with all other views.
     """
     n = len(X_BM)
     A, B = _motions(X_BM, X_CT)
@@ -156,19 +164,19 @@ def contradictions(X_BM: Sequence[Pose], X_CT: Sequence[Pose]) -> NDArray[np.flo
 
 
 def outlying(X_BM: Sequence[Pose], X_CT: Sequence[Pose]) -> NDArray[np.bool_]:
-    """Which looks, (looks,) bool, do not fit the others: the angles of another image, say."""
+    """Return the mask (views,) of views inconsistent with the others (e.g. mismatched angles)."""
     found = contradictions(X_BM, X_CT)
-    return np.asarray(found > max(_TURN_FLOOR, _OUTLYING * float(np.median(found))))
+    return np.asarray(found > max(_MIN_OUTLIER_RAD, _OUTLIER_RATIO * float(np.median(found))))
 
 
 def mean_pose(poses: Sequence[Pose]) -> Pose:
-    """Return the mean of poses (4, 4) that are close together."""
+    """Return the mean of poses (4, 4) that are close to each other."""
     attitudes = Rotation.from_matrix(np.array([X[:3, :3] for X in poses]))
     return pose(attitudes.mean().as_matrix(), np.mean([X[:3, 3] for X in poses], axis=0))
 
 
 def angle_between(X: Pose, Y: Pose) -> float:
-    """Angle of the rotation from one pose's attitude to the other's, radians."""
+    """Return the angle between the rotations of two poses, radians."""
     return float(Rotation.from_matrix(X[:3, :3].T @ Y[:3, :3]).magnitude())
 
 
@@ -179,7 +187,7 @@ _CROSS_CHECKS = {
 
 
 def _by_opencv(X_BM: Sequence[Pose], X_CT: Sequence[Pose], method: int) -> Pose:
-    """X_MC by one of OpenCV's methods; turned half round and far off where it finds nothing."""
+    """Compute X_MC by one of OpenCV's methods; on failure, a pose far from every real one."""
     nothing = pose(np.diag([-1.0, -1.0, 1.0]), np.full(3, 1e3))
     try:
         R, p = cv2.calibrateHandEye(
@@ -199,7 +207,7 @@ def _by_opencv(X_BM: Sequence[Pose], X_CT: Sequence[Pose], method: int) -> Pose:
 def _motions(
     X_BM: Sequence[Pose], X_CT: Sequence[Pose]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """A and B of every pair of looks, (pairs, 4, 4)."""
+    """Return A and B of every pair of views, (pairs, 4, 4)."""
     pairs = list(combinations(range(len(X_BM)), 2))
     A = np.array([inverse(X_BM[j]) @ X_BM[i] for i, j in pairs])
     B = np.array([X_CT[j] @ inverse(X_CT[i]) for i, j in pairs])
@@ -211,5 +219,5 @@ def _angles(X: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _half_turns(X: NDArray[np.float64]) -> NDArray[np.float64]:
-    """2 sin(angle / 2) axis of each motion, (n, 3)."""
+    """Return 2 sin(angle / 2) axis of each motion, (n, 3)."""
     return 2.0 * Rotation.from_matrix(X[:, :3, :3]).as_quat(canonical=True)[:, :3]

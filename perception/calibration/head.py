@@ -1,9 +1,10 @@
-"""Where the cameras are on their pan-tilt units, and one unit from the other (hand-eye).
+"""Hand-eye calibration of the stereo head: camera mounts and relative pose of the pan-tilt units.
 
-The head looks at a board that stays in place from many gazes. Each eye alone gives its camera on
-its mount (Tsai-Lenz, cross-checked); then one minimisation of the reprojection error over both
-cameras' intrinsics, both mounts, the right unit's base in the left one's, and all boards, with the
-units' kinematics as known. The views of the stereo calibration take part in it.
+The head observes a fixed board from many gazes. For each eye, hand-eye calibration gives the camera
+on its mount (Tsai-Lenz, cross-checked). Then a bundle adjustment over both cameras' intrinsics,
+both mounts, the right unit's base in the left one's frame, and all board poses minimises the
+reprojection error, with the units' kinematics given. The views of the stereo calibration are
+included.
 """
 
 import dataclasses
@@ -26,38 +27,46 @@ from unwrinkle.perception.calibration.checks import (
     worst_outlier,
 )
 from unwrinkle.perception.calibration.hand_eye import (
-    FEWEST_LOOKS,
     LEAST_TURN,
+    MIN_VIEWS,
     HandEye,
     mean_pose,
     outlying,
     solve_hand_eye,
 )
-from unwrinkle.perception.calibration.rig import Rig, Shot, joint_axes
+from unwrinkle.perception.calibration.rig import BoardObservation, Rig, joint_axes
 from unwrinkle.perception.calibration.stereo import PairView, StereoCalibration, row_error
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.stereo.head import Gaze, PanTiltUnit
 from unwrinkle.perception.stereo.head_file import VALID_DAYS, HeadCalibration
 
-_SAME_TURNTABLE = 1e-4
-_OUTLYING_JOINT = 9.0  # times the median look's error
-_LEAST_JOINT_ERROR = 2e-4  # radians: no look below this is an outlier
+#: Largest motion of the turn-table between views, radians.
+_MAX_TURNTABLE_MOTION_RAD = 1e-4
+
+#: Joint error of an outlying view, multiples of the median view's.
+_OUTLIER_JOINT_RATIO = 9.0
+
+#: Least joint error of an outlying view, radians.
+_MIN_OUTLIER_JOINT_RAD = 2e-4
+
 _EYES = ("left", "right")
-_MOST_MOUNT_TURN = np.radians(0.05)
-_MOST_MOUNT_SHIFT = 0.002
+
+#: Largest standard deviation of a mount, radians and metres.
+_MAX_MOUNT_SIGMA_RAD = np.radians(0.05)
+_MAX_MOUNT_SIGMA_M = 0.002
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
-class HeadLook:
-    """A board seen at known angles of the head.
+class HeadView:
+    """Calibration board observed at known head angles.
 
     Attributes:
         name: for messages.
-        gaze: the angles.
-        left, right: the board in the images; None where it was not found.
-        place: which place the board was at; it may be moved between groups of looks.
+        gaze: the head angles.
+        left, right: the board in the images; None if not detected.
+        place: label of the board's place; it may be moved between groups of views.
     """
 
     name: str
@@ -67,23 +76,22 @@ class HeadLook:
     place: str = ""
 
     def view(self, eye: int) -> BoardView | None:
-        """The board in the image of eye 0 (left) or 1 (right)."""
+        """Return the board in the image of eye 0 (left) or 1 (right), or None."""
         return (self.left, self.right)[eye]
 
 
 @dataclass(frozen=True, eq=False)
 class HeadFit:
-    """A head's calibration with what its file has no room for.
+    """Head calibration with the details that its file does not store.
 
     Attributes:
-        calibration: what to keep.
-        adjustment: the joint minimisation.
-        hand_eyes: of the left and the right eye, before it.
-        rejected: the looks left out, with the reason.
-        names: of the looks and stereo views of the shots, in the order of the adjustment's
-            residuals.
-        eyes: of the shots, 0 left, 1 right.
-        corners: (n, 2) seen in each shot.
+        calibration: the record to store.
+        adjustment: the bundle adjustment.
+        hand_eyes: hand-eye solutions of the left and the right eye before it.
+        rejected: rejected views, with the reason.
+        names: names of the observations' views, in the order of the adjustment's residuals.
+        eyes: eye of each observation, 0 left, 1 right.
+        corners: (n, 2) corners of each observation, pixels.
     """
 
     calibration: HeadCalibration
@@ -96,27 +104,27 @@ class HeadFit:
 
 
 def calibrate_head(
-    looks: list[HeadLook],
+    looks: list[HeadView],
     stereo: StereoCalibration,
     nominal: HeadCalibration,
     *,
     joint_noise: float | None = None,
     date: datetime.date | None = None,
 ) -> HeadFit:
-    """Find the cameras on their mounts and the right unit's place beside the left one.
+    """Estimate the cameras on their mounts and the right unit's base relative to the left one.
 
     Args:
-        looks: at least 8 for each eye, panned and tilted by several angles.
+        looks: at least 8 head views for each eye, at several pan and tilt angles.
         stereo: calibration of the same two cameras.
-        nominal: the head's name, its units' kinematics, and the place of the left unit, which
-            views of a board alone cannot tell.
-        joint_noise: standard deviation of the units' angles (their repeatability), radians; 0
-            takes them as exact, None finds it from the looks.
-        date: of the calibration; None takes today.
+        nominal: gives the head's name, its units' kinematics, and the pose of the left unit, which
+            views of a board cannot determine.
+        joint_noise: standard deviation of the units' angles (repeatability), radians; 0 for exact
+            angles, None estimates it from the views.
+        date: of the calibration; None for today.
 
     Raises:
-        InputError: too few looks, too little turn about an axis, methods that disagree, too many
-            looks that do not fit, a residual over 1 px, or mounts that the looks leave open.
+        InputError: too few views, too little rotation about an axis, methods that disagree, too
+            many rejected views, a residual above 1 px, or mounts that are poorly determined.
     """
     head = nominal.stereo_head()
     units = (head.left.unit, head.right.unit)
@@ -124,7 +132,7 @@ def calibrate_head(
         for eye, unit in enumerate(units):
             unit.check(*_angles(look.gaze, eye), f"{look.name}, {_EYES[eye]} eye")
     turntable = [look.gaze.ext_axis for look in looks]
-    if looks and np.ptp(turntable) > _SAME_TURNTABLE:
+    if looks and np.ptp(turntable) > _MAX_TURNTABLE_MOTION_RAD:
         raise InputError(
             f"hand-eye calibration: the turn-table stands at {min(turntable):.4f} to "
             f"{max(turntable):.4f} rad; keep it still, for the head turns with it"
@@ -164,9 +172,9 @@ def calibrate_head(
 
 @dataclass(frozen=True, eq=False)
 class _Eye:
-    """One eye's usable looks, with poses of mount and board, and its own solution."""
+    """Usable views of one eye, with poses of mount and board, and its hand-eye solution."""
 
-    looks: list[HeadLook]
+    looks: list[HeadView]
     X_BM: list[Pose]
     X_CT: list[Pose]
     axes: list[NDArray[np.float64]]
@@ -175,7 +183,7 @@ class _Eye:
 
 
 def _one_eye(
-    looks: list[HeadLook], eye: int, camera: Camera, unit: PanTiltUnit, rejected: list[str]
+    looks: list[HeadView], eye: int, camera: Camera, unit: PanTiltUnit, rejected: list[str]
 ) -> _Eye:
     name = f"hand-eye calibration, {_EYES[eye]} eye"
     numbers = [k for k, look in enumerate(looks) if look.view(eye) is not None]
@@ -218,12 +226,12 @@ def _one_eye(
 
 
 def _worst(fit: Adjustment, ours: NDArray[np.bool_]) -> tuple[int | None, str]:
-    """The look's shot that fits worst, if far worse than most, and how it does not fit."""
+    """Return the index of the worst outlying head view's observation and the reason, or None."""
     numbers = np.flatnonzero(ours)
     joints = np.abs(fit.joint_errors).max(axis=1)[numbers]
     usual = float(np.median(joints))
     worst = int(np.argmax(joints))
-    if joints[worst] > max(_LEAST_JOINT_ERROR, _OUTLYING_JOINT * usual):
+    if joints[worst] > max(_MIN_OUTLIER_JOINT_RAD, _OUTLIER_JOINT_RATIO * usual):
         found = np.degrees([joints[worst], usual])
         reason = f"has angles off by {found[0]:.3f} degrees, the others by {found[1]:.4f}"
         return int(numbers[worst]), reason
@@ -237,11 +245,11 @@ def _worst(fit: Adjustment, ours: NDArray[np.bool_]) -> tuple[int | None, str]:
 
 def _problem(
     eyes: tuple[_Eye, ...], cameras: tuple[Camera, Camera], stereo: StereoCalibration
-) -> tuple[list[tuple[str | None, Shot]], Rig]:
-    """Shots, each with its look's name (None in the stereo calibration), and where to start.
+) -> tuple[list[tuple[str | None, BoardObservation]], Rig]:
+    """Build the observations, with the names of their head views, and the initial rig.
 
-    Bases: the left unit, the right unit, and a stand-in for the unknown gaze that the right camera
-    had in the stereo calibration's views.
+    The name is None for views of the stereo calibration. Bases: the left unit, the right unit, and
+    a substitute for the unknown gaze of the right camera in the stereo calibration's views.
     """
     mounts = tuple(eye.solution.X_MC for eye in eyes)
     seen = [
@@ -265,12 +273,12 @@ def _problem(
     right_base = mean_pose([seen[0][place] @ inverse(seen[1][place]) for place in common])
     places = sorted(set(seen[0]) | set(seen[1]))
     boards = [seen[0][p] if p in seen[0] else right_base @ seen[1][p] for p in places]
-    shots: list[tuple[str | None, Shot]] = []
+    shots: list[tuple[str | None, BoardObservation]] = []
     for k, eye in enumerate(eyes):
         for look, X_BM, axes, stop in zip(eye.looks, eye.X_BM, eye.axes, eye.numbers, strict=True):
             view = look.view(k)
             if view is not None:
-                shot = Shot(view, k, k, places.index(look.place), X_BM, axes, stop)
+                shot = BoardObservation(view, k, k, places.index(look.place), X_BM, axes, stop)
                 shots.append((look.name, shot))
     pairs = stereo.pair_views()
     bases = [np.eye(4), right_base]
@@ -280,14 +288,14 @@ def _problem(
     for pair in pairs:
         boards.append(mounts[0] @ board_pose(pair.left, cameras[0]))
         for k, view in enumerate((pair.left, pair.right)):
-            shots.append((None, Shot(view, k, 2 * k, len(boards) - 1, np.eye(4))))
+            shots.append((None, BoardObservation(view, k, 2 * k, len(boards) - 1, np.eye(4))))
     return shots, Rig(cameras, mounts, tuple(bases), tuple(boards))
 
 
 def _calibration(
     nominal: HeadCalibration,
     fit: Adjustment,
-    shots: list[tuple[str | None, Shot]],
+    shots: list[tuple[str | None, BoardObservation]],
     stereo: StereoCalibration,
     date: datetime.date | None,
 ) -> HeadCalibration:
@@ -322,9 +330,9 @@ def _calibration(
     )
 
 
-def _row_residual(fit: Adjustment, shots: list[tuple[str | None, Shot]]) -> float:
-    """RMS row error of the looks, each rectified by what the angles say of the pair."""
-    by_stop: dict[int, dict[int, Shot]] = {}
+def _row_residual(fit: Adjustment, shots: list[tuple[str | None, BoardObservation]]) -> float:
+    """Return the RMS row error, pixels, of the head views, each rectified by its head angles."""
+    by_stop: dict[int, dict[int, BoardObservation]] = {}
     for look, shot in shots:
         if look is not None:
             by_stop.setdefault(shot.stop, {})[shot.eye] = shot
@@ -339,18 +347,18 @@ def _row_residual(fit: Adjustment, shots: list[tuple[str | None, Shot]]) -> floa
 
 
 def _check_count(count: int, eye: int, rejected: list[str]) -> None:
-    if count < FEWEST_LOOKS:
+    if count < MIN_VIEWS:
         raise InputError(
             f"hand-eye calibration: {count} usable looks of the {_EYES[eye]} eye at one board, "
-            f"wanted at least {FEWEST_LOOKS}{listed(rejected)}; take more"
+            f"wanted at least {MIN_VIEWS}{listed(rejected)}; take more"
         )
 
 
 def _check_angles(angles: NDArray[np.float64], name: str) -> None:
-    """Refuse looks that turn about one axis only, or about both at once.
+    """Check that both pan and tilt vary enough.
 
     Raises:
-        InputError: the message names the axis and by how much it was turned.
+        InputError: an axis varies too little; the message names it.
     """
     for axis, values in zip(("pan", "tilt"), angles.T, strict=True):
         spread = float(np.ptp(values))
@@ -364,11 +372,11 @@ def _check_angles(angles: NDArray[np.float64], name: str) -> None:
 def _check_mounts(fit: Adjustment) -> None:
     for eye, sigma in enumerate(fit.mount_sigma):
         shift, turn = float(sigma[:3].max()), float(sigma[3:].max())
-        if turn > _MOST_MOUNT_TURN or shift > _MOST_MOUNT_SHIFT:
+        if turn > _MAX_MOUNT_SIGMA_RAD or shift > _MAX_MOUNT_SIGMA_M:
             raise InputError(
                 f"hand-eye calibration: the looks leave the {_EYES[eye]} camera's place on its "
                 f"mount open by {np.degrees(turn):.3f} degrees and {1e3 * shift:.2f} mm, wanted "
-                f"{np.degrees(_MOST_MOUNT_TURN):.2f} and {1e3 * _MOST_MOUNT_SHIFT:.0f}; take more "
+                f"{np.degrees(_MAX_MOUNT_SIGMA_RAD):.2f} and {1e3 * _MAX_MOUNT_SIGMA_M:.0f}; take more "
                 "looks, turned further"
             )
 
@@ -385,7 +393,7 @@ def _angles(gaze: Gaze, eye: int) -> tuple[float, float]:
     return (gaze.left, gaze.right)[eye]
 
 
-def _pair_name(shot: Shot) -> str:
+def _pair_name(shot: BoardObservation) -> str:
     return "stereo " + shot.view.name.rpartition(",")[0]
 
 

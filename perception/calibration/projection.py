@@ -1,4 +1,4 @@
-"""OpenCV's camera model with its exact derivatives, for fits that move the camera's constants."""
+"""OpenCV's camera model with analytic derivatives, for estimating intrinsics."""
 
 import dataclasses
 
@@ -7,19 +7,20 @@ from numpy.typing import NDArray
 
 from unwrinkle.perception.camera import Camera
 
-INTRINSICS = 6  # fx, fy, cx, cy, k1, k2: what a fit may change
+#: Number of estimated intrinsics: fx, fy, cx, cy, k1, k2.
+INTRINSICS = 6
 
 
 def project_with_derivatives(
     p_C: NDArray[np.float64], numbers: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Pixels (n, 2), their derivatives by the point (n, 2, 3) and by the intrinsics (n, 2, 6).
+    """Return pixels (n, 2), derivatives by the point (n, 2, 3) and by the intrinsics (n, 2, 6).
 
     OpenCV's model: x (1 + k1 r2 + k2 r2^2 + k3 r2^3) + 2 p1 x y + p2 (r2 + 2 x^2), and so for y.
 
     Args:
         p_C: (n, 3) points in front of the camera, metres.
-        numbers: (n, 9) `constants` of the camera that each point is seen by.
+        numbers: (n, 9) `constants` of each point's camera.
     """
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = numbers.T
     inverse_z = 1.0 / p_C[:, 2]
@@ -57,10 +58,10 @@ def constants(camera: Camera) -> NDArray[np.float64]:
 
 
 def with_step(camera: Camera, step: NDArray[np.float64]) -> Camera:
-    """Return the camera with its first six constants changed by a step (6,).
+    """Return the camera with a step (6,) added to its estimated intrinsics.
 
     Raises:
-        InputError: no real camera has the numbers that come out.
+        InputError: the result is not a plausible camera.
     """
     numbers = constants(camera)
     numbers[:INTRINSICS] += step

@@ -1,8 +1,8 @@
-"""Cameras on mounts on bases, and boards before them: one chain for every kind of calibration.
+"""Kinematic model that all calibrations share: cameras on mounts on bases, and boards.
 
-A (common frame), B (base of a mechanism), M (its mount, X_BM known), C (camera); T is the board.
-A corner p_T is seen at project(X_CT p_T), X_CT = inverse(X_AB X_BM X_MC) X_AT. It describes a
-stereo pair, cameras on pan-tilt units, and a camera in a gripper.
+Frames: A common frame, B base of a mechanism, M its mount (X_BM known), C camera, T board. A corner
+p_T is seen at project(X_CT p_T), X_CT = inverse(X_AB X_BM X_MC) X_AT. The model covers a stereo
+pair, cameras on pan-tilt units, and a gripper camera.
 """
 
 import dataclasses
@@ -21,13 +21,13 @@ from unwrinkle.perception.camera import Camera
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """What a bundle adjustment finds.
+    """Unknowns of a bundle adjustment.
 
     Attributes:
-        cameras: one for each eye.
+        cameras: intrinsics of each eye.
         mounts: X_MC of each eye.
-        bases: X_AB; the first one is never changed.
-        boards: X_AT of each place that a board was put at.
+        bases: X_AB of each base; the first one is held.
+        boards: X_AT of each place of a board.
     """
 
     cameras: tuple[Camera, ...]
@@ -37,17 +37,17 @@ class Rig:
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
-    """A board in one image.
+class BoardObservation:
+    """A board observed in one image.
 
     Attributes:
-        view: its corners.
+        view: the corners.
         eye, base, board: indices into the rig's cameras and mounts, bases, and boards.
-        X_BM: (4, 4) the mount when the image was taken.
-        axes: (k, 6) twist of the mount, in its own frame, per radian of each joint whose angle is
-            known to some noise only.
-        stop: number of the stop that the joints were at; shots of one eye and stop share the
-            joints' errors.
+        X_BM: (4, 4) pose of the mount when the image was taken.
+        axes: (k, 6) twist of the mount, in its own frame, per radian of each joint with angle
+            noise.
+        stop: index of the joint configuration; observations of one eye and stop share the joints'
+            errors.
     """
 
     view: BoardView
@@ -60,7 +60,7 @@ class Shot:
 
 
 def moved(X: Pose, twist: NDArray[np.float64]) -> Pose:
-    """X exp(twist), to first order in the translation's coupling with the turn."""
+    """Return X exp(twist), with the coupling of translation and rotation to first order."""
     step = pose(Rotation.from_rotvec(twist[3:]).as_matrix(), twist[:3])
     return np.asarray(X @ step)
 
@@ -68,11 +68,11 @@ def moved(X: Pose, twist: NDArray[np.float64]) -> Pose:
 def joint_axes(
     mount_pose: Callable[[float, float], Pose], first: float, second: float
 ) -> NDArray[np.float64]:
-    """Twist (2, 6) of a mount, in its own frame, per radian of each of the two joints it hangs on.
+    """Return the twists (2, 6) of a mount, in its own frame, per radian of each of its two joints.
 
     Args:
-        mount_pose: X_BM (4, 4) at two angles in radians.
-        first, second: the angles there.
+        mount_pose: function from two angles, radians, to X_BM (4, 4).
+        first, second: the angles, radians.
     """
     step = 1e-6
     twists = np.empty((2, 6))

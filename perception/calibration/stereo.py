@@ -1,7 +1,7 @@
-"""Intrinsics and relative pose of a stereo pair from views of a board (stage 0 of calibration).
+"""Calibration of a stereo pair: intrinsics and relative pose from views of a board (stage 0).
 
-Each camera alone first (Zhang's method, OpenCV's), then both at once with one pose between them, by
-bundle adjustment. The lens model is k1, k2; tangential terms and k3 are zero, as the lab has them.
+Each camera is calibrated separately (Zhang's method, OpenCV), then both together with one relative
+pose by bundle adjustment. The lens model is k1, k2; tangential terms and k3 are zero.
 """
 
 import dataclasses
@@ -29,18 +29,21 @@ from unwrinkle.perception.calibration.checks import (
     worst_outlier,
 )
 from unwrinkle.perception.calibration.hand_eye import angle_between
-from unwrinkle.perception.calibration.rig import Rig, Shot
+from unwrinkle.perception.calibration.rig import BoardObservation, Rig
 from unwrinkle.perception.camera import Camera
 
-_PAIR_TURN = np.radians(2.0)
-_PAIR_SHIFT = 0.1  # of the baseline
+#: Largest rotation of a pair's relative pose from the central one, radians.
+_MAX_PAIR_TURN_RAD = np.radians(2.0)
+
+#: Largest shift of a pair's relative pose from the central one, fraction of the baseline.
+_MAX_PAIR_SHIFT = 0.1
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class PairView:
-    """A board seen by both cameras at the same time."""
+    """Calibration board observed by both cameras simultaneously."""
 
     name: str
     left: BoardView
@@ -49,7 +52,7 @@ class PairView:
 
 @dataclass(frozen=True)
 class PairRecord:
-    """One pair of views in a stereo calibration's file.
+    """One pair of views in a stereo calibration file.
 
     Attributes:
         name: of the pair.
@@ -69,18 +72,18 @@ class PairRecord:
 
 @dataclass(frozen=True)
 class StereoCalibration:
-    """A stereo pair as its file states it.
+    """Calibration of a stereo pair, as stored in its file.
 
     Attributes:
         date: YYYY-MM-DD.
         left, right: the cameras.
         relative: X_LR, the right camera in the left one's frame while these views were taken.
         rms: reprojection error of all corners, pixels.
-        row_error: RMS distance of matching corners from their common row after rectification.
+        row_error: RMS row error of matching corners after rectification, pixels.
         focal_sigma: standard deviation of the focal lengths, left and right, pixels.
-        board: that was seen.
-        views: the pairs it rests on.
-        rejected: the pairs left out, with the reason.
+        board: the calibration board.
+        views: the pairs used.
+        rejected: rejected pairs, with the reason.
     """
 
     date: str = ""
@@ -95,10 +98,10 @@ class StereoCalibration:
     rejected: list[str] = field(default_factory=list)
 
     def pair_views(self) -> list[PairView]:
-        """Return the views that the calibration rests on.
+        """Return the views used.
 
         Raises:
-            InputError: corners and ids do not fit together.
+            InputError: corners and ids do not match.
         """
 
         def view(
@@ -123,12 +126,13 @@ class StereoCalibration:
 
 @dataclass(frozen=True, eq=False)
 class StereoFit:
-    """A stereo calibration with what is too long for its file.
+    """Stereo calibration with the details that its file does not store.
 
     Attributes:
-        calibration: what to keep.
-        residuals: seen minus predicted corners (n, 2) of each view, left and right in turn.
-        corners: (n, 2) where they were seen, likewise.
+        calibration: the record to store.
+        residuals: seen minus predicted corners (n, 2) of each view, alternating left and right,
+            pixels.
+        corners: (n, 2) seen corners of each view, likewise.
     """
 
     calibration: StereoCalibration
@@ -143,25 +147,25 @@ def calibrate_stereo(
     not_found: Sequence[str] = (),
     date: datetime.date | None = None,
 ) -> StereoFit:
-    """Find both cameras and the pose between them.
+    """Estimate the intrinsics of both cameras and their relative pose.
 
     Args:
-        pairs: at least 8, the board tilted and placed differently in each.
-        board: that they show.
+        pairs: at least 8 views, each with another tilt and place of the board.
+        board: the calibration board.
         not_found: pairs without a board, with the reason, for the record.
-        date: of the calibration; None takes today.
+        date: of the calibration; None for today.
 
     Raises:
-        InputError: too few views, images of different sizes, too many views that do not fit, a
-            residual over 1 px, or a focal length that the views leave open.
+        InputError: too few views, images of different sizes, too many rejected views, a residual
+            above 1 px, or a poorly determined focal length.
     """
     rejected: list[str] = []
     check_sizes([pair.left for pair in pairs], "left")
     check_sizes([pair.right for pair in pairs], "right")
     while True:
         check_count(len(pairs), [*not_found, *rejected])
-        left = _alone([pair.left for pair in pairs], "left")
-        right = _alone([pair.right for pair in pairs], "right")
+        left = _single_camera([pair.left for pair in pairs], "left")
+        right = _single_camera([pair.right for pair in pairs], "right")
         X_LR = [_relative(pair, left, right) for pair in pairs]
         middle = X_LR[_most_central(X_LR)]
         strange = [_apart(X, middle) for X in X_LR]
@@ -177,7 +181,7 @@ def calibrate_stereo(
     rig = Rig((left, right), (np.eye(4),) * 2, (np.eye(4), middle), ())
     while True:
         check_count(len(pairs), [*not_found, *rejected])
-        fit = _together(rig, pairs)
+        fit = _adjust_pairs(rig, pairs)
         worst = worst_outlier(fit.shot_rms)
         if worst is None:
             break
@@ -218,17 +222,17 @@ def calibrate_stereo(
 
 
 def calibrate_camera(views: list[BoardView], name: str) -> Camera:
-    """Intrinsics of one camera, with k1 and k2, by Zhang's method.
+    """Estimate the intrinsics of one camera, with k1 and k2, by Zhang's method and adjustment.
 
     Raises:
-        InputError: fewer than 8 views, images of different sizes, or views that leave the focal
-            length open.
+        InputError: fewer than 8 views, images of different sizes, a residual above 1 px, or a
+            poorly determined focal length.
     """
     check_sizes(views, name)
     check_count(len(views), [])
-    camera = _alone(views, name)
+    camera = _single_camera(views, name)
     boards = tuple(board_pose(view, camera) for view in views)
-    shots = [Shot(view, 0, 0, k, np.eye(4)) for k, view in enumerate(views)]
+    shots = [BoardObservation(view, 0, 0, k, np.eye(4)) for k, view in enumerate(views)]
     fit = adjust(Rig((camera,), (np.eye(4),), (np.eye(4),), boards), shots, mounts=False)
     check_residual(fit.rms, f"{name} camera")
     check_focal(name, float(fit.camera_sigma[0, 0] / camera.fx))
@@ -236,7 +240,7 @@ def calibrate_camera(views: list[BoardView], name: str) -> Camera:
 
 
 def row_error(pairs: list[PairView], left: Camera, right: Camera, X_LR: Pose) -> float:
-    """RMS difference of the rows of matching corners after rectification, pixels."""
+    """Return the RMS row error of matching corners after rectification, pixels."""
     X_RL = inverse(X_LR)
     D = [np.array(camera.distortion) for camera in (left, right)]
     size = (left.width, left.height)
@@ -252,14 +256,14 @@ def row_error(pairs: list[PairView], left: Camera, right: Camera, X_LR: Pose) ->
             (pair.right.corners[b], right, D[1], R_2, P_2),
         ):
             rectified = cv2.undistortPoints(corners[:, None], camera.matrix, k, R=R, P=P)
-            # Converging eyes may be rectified into columns, where one is above the other.
+            # Cameras above each other are rectified along columns instead of rows.
             axis = 1 if abs(X_LR[0, 3]) >= abs(X_LR[1, 3]) else 0
             rows.append(np.asarray(rectified)[:, 0, axis])
         differences.append(rows[0] - rows[1])
     return float(np.sqrt(np.mean(np.concatenate(differences) ** 2)))
 
 
-def _alone(views: list[BoardView], name: str) -> Camera:
+def _single_camera(views: list[BoardView], name: str) -> Camera:
     size = (views[0].width, views[0].height)
     flags = cv2.CALIB_ZERO_TANGENT_DIST + cv2.CALIB_FIX_K3
     try:
@@ -292,7 +296,7 @@ def _relative(pair: PairView, left: Camera, right: Camera) -> Pose:
 
 
 def _most_central(poses: list[Pose]) -> int:
-    """Index of the pose whose median angle to the others is least."""
+    """Return the index of the pose with the least median angle to the others."""
     angles = [[angle_between(X, Y) for Y in poses] for X in poses]
     return int(np.argmin(np.median(angles, axis=1)))
 
@@ -300,13 +304,13 @@ def _most_central(poses: list[Pose]) -> int:
 def _apart(X: Pose, middle: Pose) -> bool:
     shift = float(np.linalg.norm(X[:3, 3] - middle[:3, 3]))
     baseline = float(np.linalg.norm(middle[:3, 3]))
-    return angle_between(X, middle) > _PAIR_TURN or shift > _PAIR_SHIFT * baseline
+    return angle_between(X, middle) > _MAX_PAIR_TURN_RAD or shift > _MAX_PAIR_SHIFT * baseline
 
 
-def _together(rig: Rig, pairs: list[PairView]) -> Adjustment:
+def _adjust_pairs(rig: Rig, pairs: list[PairView]) -> Adjustment:
     boards = tuple(board_pose(pair.left, rig.cameras[0]) for pair in pairs)
     shots = [
-        Shot(view, eye, eye, k, np.eye(4))
+        BoardObservation(view, eye, eye, k, np.eye(4))
         for k, pair in enumerate(pairs)
         for eye, view in enumerate((pair.left, pair.right))
     ]

@@ -1,1 +1,1 @@
-"""From a depth camera's capture to a range map of the garment on the table."""
+"""Depth cameras: from a capture to the range map of the garment on the table."""

@@ -1,10 +1,10 @@
-"""A capture: depth, the camera it is from, and where known its colour and the camera's pose.
+"""Depth captures: depth image and camera, optionally colour and camera pose; file formats.
 
 Depth files: `.png` of uint16 millimetres; `.npy`; `.npz`. Integers are millimetres, floats metres;
 0, negative infinity, infinity and NaN mean "no reading". Keys of an `.npz`: `depth` (h, w); and
 optionally `colour`, either (h', w', 3) uint8 RGB or the bytes (n,) of a PNG or JPEG; `X_WC` (4, 4),
 the camera's pose in the world; `header`, a JSON object with `depth_unit` (metres per integer),
-`camera` (the fields of `Camera`), `colour_registered`. Other arrays are left alone.
+`camera` (the fields of `Camera`), `colour_registered`. Other arrays are ignored.
 """
 
 import dataclasses
@@ -19,29 +19,37 @@ from numpy.typing import NDArray
 
 from unwrinkle.models import InputError, load_yaml
 from unwrinkle.models.archive import archive_members, load_archive, save_archive
+from unwrinkle.models.errors import InsufficientViewError
 from unwrinkle.models.transforms import PoseRecord, check_pose
 from unwrinkle.perception.camera import Camera, load_camera
 
+#: Camera of a depth file that does not name one.
 DEFAULT_CAMERA = "xtion-pro-live"
-_MOST_HOLES = 0.5
-_NEAREST, _FARTHEST = 0.1, 10.0
+
+#: Largest fraction of pixels without a reading.
+_MAX_HOLE_FRACTION = 0.5
+
+#: Limits of a plausible median depth, metres.
+_MIN_DEPTH_M = 0.1
+_MAX_DEPTH_M = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class Capture:
-    """One look at a garment.
+    """Depth image of a garment with its camera.
 
     Attributes:
         depth: (h, w) float32, metres along the optical axis; 0 for no reading.
-        camera: that took it.
+        camera: intrinsics of the depth image.
         colour: (h', w', 3) uint8 RGB, or None.
-        colour_registered: colour has the depth image's pixels.
-        X_WC: (4, 4) pose of the camera in the world, or None where it is not known.
+        colour_registered: whether colour and depth share pixels.
+        X_WC: (4, 4) pose of the camera in the world, or None if unknown.
         name: for messages and output files.
 
     Raises:
-        InputError: wrong shapes, an empty or mostly empty depth image, depths no table is at, or
-            a pose that is no rigid motion.
+        InputError: wrong shapes, an empty depth image, implausible depths, or a pose that is not a
+            rigid transform.
+        InsufficientViewError: most pixels have no reading.
     """
 
     depth: NDArray[np.float32]
@@ -52,7 +60,7 @@ class Capture:
     name: str = "capture"
 
     def __post_init__(self) -> None:
-        """Check, copy and make read-only."""
+        """Check and copy the arrays and make them read-only."""
         depth = np.array(self.depth, dtype=np.float32)
         wanted = (self.camera.height, self.camera.width)
         if depth.shape != wanted:
@@ -68,16 +76,16 @@ class Capture:
         if not depth.any():
             raise InputError(f"{self.name}: depth is all zero (no reading); record it again")
         middle = float(np.median(depth[depth > 0.0]))
-        if not _NEAREST <= middle <= _FARTHEST:
+        if not _MIN_DEPTH_M <= middle <= _MAX_DEPTH_M:
             raise InputError(
-                f"{self.name}: the median depth is {middle:.4g} m, wanted {_NEAREST} to "
-                f"{_FARTHEST:.0f} m; floats are read as metres, integers as millimetres"
+                f"{self.name}: the median depth is {middle:.4g} m, wanted {_MIN_DEPTH_M} to "
+                f"{_MAX_DEPTH_M:.0f} m; floats are read as metres, integers as millimetres"
             )
         holes = float(np.mean(depth == 0.0))
-        if holes > _MOST_HOLES:
-            raise InputError(
+        if holes > _MAX_HOLE_FRACTION:
+            raise InsufficientViewError(
                 f"{self.name}: insufficient view, {holes:.0%} of the depth image has no reading, "
-                f"at most {_MOST_HOLES:.0%} may lack; look again"
+                f"at most {_MAX_HOLE_FRACTION:.0%} may lack; look again"
             )
         depth.setflags(write=False)
         object.__setattr__(self, "depth", depth)
@@ -112,16 +120,16 @@ def load_capture(
     """Read a capture from a depth file.
 
     Args:
-        path: `.png`, `.npy` or `.npz`; see the module's text.
-        camera: a name, a YAML file or a `Camera`; None takes the file's own, or xtion-pro-live.
-        colour: an image file; None looks beside the depth file (`*_depth_mm.png` -> `*_rgb.jpg`
-            or `.png`, CTU's `cloD*` -> `cloC*`).
-        colour_registered: whether colour has the depth image's pixels. None takes what the file
-            says, otherwise no: equal size does not mean equal view.
+        path: `.png`, `.npy` or `.npz`; see the module docstring.
+        camera: a name, a YAML file or a `Camera`; None for the file's own, or DEFAULT_CAMERA.
+        colour: an image file; None searches beside the depth file (`*_depth_mm.png` ->
+            `*_rgb.jpg` or `.png`, CTU's `cloD*` -> `cloC*`).
+        colour_registered: whether colour and depth share pixels; None for the value in the file, or
+            False without one (equal size does not imply equal view).
         pose: X_WC, a (4, 4) array or a YAML file with `translation` and `rotation` (rows).
 
     Raises:
-        InputError: anything that cannot be used, in one line with the file's name.
+        InputError: a file or value cannot be used; the message names the file.
     """
     path = Path(path)
     if not path.is_file():
@@ -153,10 +161,10 @@ def load_capture(
 def save_capture(
     path: str | Path, capture: Capture, *, depth_unit: float = 0.001, jpeg_quality: int = 92
 ) -> None:
-    """Write one `.npz` that `load_capture` reads: depth as uint16 in units, colour as JPEG.
+    """Write a capture to one `.npz`: depth as uint16 in `depth_unit` metres, colour as JPEG.
 
     Raises:
-        InputError: a depth does not fit into 65535 units, or the file cannot be written.
+        InputError: a depth exceeds 65535 units, or the file cannot be written.
     """
     units = np.rint(np.asarray(capture.depth, dtype=float) / depth_unit)
     if units.max() > 65535:
@@ -181,7 +189,7 @@ def save_capture(
 def _read_png_depth(path: Path) -> NDArray[Any]:
     encoded = path.read_bytes()
     image = None
-    # OpenCV fills what a truncated PNG lacks with zeros; its last chunk tells.
+    # OpenCV pads a truncated PNG with zeros; require its last chunk.
     if encoded.endswith(b"IEND\xaeB`\x82"):
         image = cv2.imdecode(np.frombuffer(encoded, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:

@@ -1,8 +1,8 @@
-"""Lay a colour image over a depth image that it is not registered to.
+"""Registration of a colour image to a depth image by a similarity transform.
 
-On a table both see nearly one plane, so a similarity (scale, turn, shift) is enough. It is found by
-correlating the garment's mask in colour with the heights in depth. Both cameras sit in one housing,
-some centimetres apart and with similar lenses, so the similarity is near the identity.
+Both cameras see nearly one plane, the table, so a similarity (scale, rotation, shift) suffices. It
+is estimated by correlating the garment's mask in the colour image with the heights in the depth
+image. The cameras share a housing and have similar lenses, so it is close to the identity.
 """
 
 from typing import Any
@@ -12,14 +12,27 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-_COARSE_WIDTH = 160
-_FINE_WIDTH = 320
+#: Widths of the images of the coarse and the fine search, pixels.
+_COARSE_WIDTH_PX = 160
+_FINE_WIDTH_PX = 320
+
+#: Scales of the coarse search.
 _SCALES = np.linspace(0.88, 1.16, 15)
-_PRIOR_MIDDLE = np.array([1.03, 0.0, 0.0, 0.0])  # scale, turn (rad), shift (image widths)
-_PRIOR_SPREAD = np.array([0.08, 0.02, 0.04, 0.04])
+
+#: Mean of the prior: scale, rotation (rad), shift x and y (image widths).
+_PRIOR_MEAN = np.array([1.03, 0.0, 0.0, 0.0])
+
+#: Standard deviations of the prior.
+_PRIOR_SIGMA = np.array([0.08, 0.02, 0.04, 0.04])
+
+#: Weight of the prior's squared distance against the correlation.
 _PRIOR_WEIGHT = 0.02
-_FARTHEST = 3.0  # spreads
-_LEAST_CORRELATION = 0.35
+
+#: Largest accepted distance from the prior's mean, standard deviations.
+_MAX_PRIOR_DISTANCE = 3.0
+
+#: Least accepted correlation.
+_MIN_CORRELATION = 0.35
 
 
 def align_colour(
@@ -33,22 +46,22 @@ def align_colour(
 
     Args:
         colour_mask: (h', w') bool, the garment in the colour image.
-        height: (h, w) smoothed metres above the table.
-        seen: (h, w) bool, where depth has a reading.
-        span: heights above this (metres) all count as garment alike.
+        height: (h, w) smoothed heights above the table, metres.
+        seen: (h, w) bool, pixels with a depth reading.
+        span: height at which the evidence for garment saturates, metres.
 
     Returns:
-        (2, 3) affine matrix, or None where mask and heights do not agree on any.
+        The affine matrix (2, 3), or None if the best correlation is too low or implausible.
     """
     evidence = np.clip(height / span, -0.5, 1.0).astype(np.float32)
     evidence[~seen] = 0.0
     if not colour_mask.any() or colour_mask.all():
         return None
     coarse = _coarse(colour_mask, evidence)
-    scale = _FINE_WIDTH / evidence.shape[1]
+    scale = _FINE_WIDTH_PX / evidence.shape[1]
     small = cv2.resize(evidence, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    # Thin masks alias: shrink the colour mask by area before it is warped.
-    shrink = _FINE_WIDTH / colour_mask.shape[1]
+    # Reduce the colour mask by area first; warping a thin mask directly would alias.
+    shrink = _FINE_WIDTH_PX / colour_mask.shape[1]
     mask = cv2.resize(
         colour_mask.astype(np.float32), None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA
     )
@@ -56,7 +69,7 @@ def align_colour(
     def cost(x: NDArray[np.float64]) -> float:
         affine = _similarity(x, mask.shape, small.shape)
         warped = cv2.warpAffine(mask, affine, (small.shape[1], small.shape[0]))
-        away = (x - _PRIOR_MIDDLE) / _PRIOR_SPREAD
+        away = (x - _PRIOR_MEAN) / _PRIOR_SIGMA
         return _PRIOR_WEIGHT * float(away @ away) - _correlation(
             np.asarray(warped), np.asarray(small)
         )
@@ -65,8 +78,8 @@ def align_colour(
     simplex = start + np.vstack([np.zeros(4), np.diag([0.03, 0.02, 0.02, 0.02])])
     options: Any = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-5, "maxiter": 250}
     found = minimize(cost, start, method="Nelder-Mead", options=options)
-    away = np.abs(found.x - _PRIOR_MIDDLE) / _PRIOR_SPREAD
-    if -found.fun < _LEAST_CORRELATION or away.max() > _FARTHEST:
+    away = np.abs(found.x - _PRIOR_MEAN) / _PRIOR_SIGMA
+    if -found.fun < _MIN_CORRELATION or away.max() > _MAX_PRIOR_DISTANCE:
         return None
     return _similarity(found.x, colour_mask.shape, evidence.shape)
 
@@ -74,7 +87,7 @@ def align_colour(
 def _similarity(
     x: NDArray[np.float64], source: tuple[int, ...], target: tuple[int, ...]
 ) -> NDArray[np.float64]:
-    """Affine (2, 3) from scale (of image widths), turn (rad) and shift (of the target's width)."""
+    """Return the affine (2, 3) of scale (image widths), rotation (rad), shift (target widths)."""
     zoom = x[0] * target[1] / source[1]
     c, s = zoom * np.cos(x[1]), zoom * np.sin(x[1])
     linear = np.array([[c, -s], [s, c]])
@@ -92,7 +105,7 @@ def _coarse(
     colour_mask: NDArray[np.bool_], evidence: NDArray[np.float32]
 ) -> tuple[float, float, float]:
     """Best scale and shift (of the image's width) over all scales, no turn."""
-    zoom = _COARSE_WIDTH / evidence.shape[1]
+    zoom = _COARSE_WIDTH_PX / evidence.shape[1]
     small = np.asarray(cv2.resize(evidence, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA))
     ny, nx = small.shape
     margin = nx // 12

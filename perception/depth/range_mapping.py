@@ -1,7 +1,8 @@
-"""From a capture to a range map: table plane, garment mask, place in the world, metric grid."""
+"""Range mapping of depth captures: table plane, garment mask, world pose, metric grid."""
 
 import logging
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
-from unwrinkle.perception.camera import Camera
+from unwrinkle.models.errors import InsufficientViewError
 from unwrinkle.perception.depth.capture import DEFAULT_CAMERA, Capture, load_capture, save_capture
 from unwrinkle.perception.depth.segmentation import Segmentation, one_piece, segment
 from unwrinkle.perception.depth.table_plane import TableFit, fit_table
@@ -26,13 +27,29 @@ __all__ = [
     "segment_capture",
 ]
 
-_MARGIN = 0.05
-_MOST_HOLES_ON_GARMENT = 0.5
-_DEEPEST = 0.02
-_MOST_LEAN = 3.0
-_COARSER = 1.25
-_TIDY = 0.006  # notches and spikes of the mask narrower than twice this go
-_OCCLUDES = 0.012  # a reading this far above a cell hides it from the camera
+#: Margin of the grid around the garment, metres.
+_MAP_MARGIN_M = 0.05
+
+#: Largest fraction of the garment without a reading.
+_MAX_HOLE_FRACTION = 0.5
+
+#: Depth below the table plane, metres, beyond which readings are ignored.
+_MAX_DEPTH_M = 0.02
+
+#: Largest plausible tilt of the table, degrees.
+_MAX_TILT_DEG = 3.0
+
+#: Pixel spacing on the table, multiples of the profile's resolution, above which the grid is
+#: made coarser.
+_COARSER_RATIO = 1.25
+
+#: Radius of the morphological smoothing of the garment's mask, metres.
+_MASK_SMOOTHING_M = 0.006
+
+#: Height of a reading in front of a cell, metres, above which it occludes the cell.
+_OCCLUSION_HEIGHT_M = 0.012
+
+#: Grey level of occluded cells.
 _UNKNOWN_GREY = 128
 
 _log = logging.getLogger(__name__)
@@ -47,31 +64,32 @@ def range_map_from_capture(
     yaw: float = 0.0,
     seed: int = 0,
 ) -> RangeMap:
-    """Fit the table, find the garment, and lay it on the metric grid of the world.
+    """Compute the range map of a capture: fit the table, segment the garment, grid the heights.
 
-    With the camera's pose the garment is where it is. Without it the garment's centre of area is
-    laid at `centre` on a table of `table_height`, the image's upper edge away from the robot
-    (towards -y), so that the robot sees it as the image shows it.
+    If the camera's pose is unknown, the garment's centre of area is placed at `centre` on a table
+    of `table_height`, with the image's upper edge away from the robot (towards -y).
 
     Args:
-        capture: depth with its camera.
-        centre: world x, y for the garment's centre where the pose is unknown, metres.
-        table_height: world z of the table where the pose is unknown, metres.
-        profile: noise of the sensor; None takes the camera's.
-        yaw: turn about the world's z where the pose is unknown, radians.
+        capture: depth image with its camera.
+        centre: world x, y of the garment's centre if the pose is unknown, metres.
+        table_height: world z of the table if the pose is unknown, metres.
+        profile: noise of the sensor; None for that of the camera.
+        yaw: rotation about world z if the pose is unknown, radians.
         seed: of the plane's consensus and GrabCut.
 
     Raises:
-        InputError: no table, no garment, too many holes, or a pose that the table contradicts.
+        NoGarmentError: there is no garment on the table.
+        InsufficientViewError: no table is found, or too much of the garment has no reading.
+        InputError: by the camera's pose the table is not level.
     """
     profile = profile or noise_profile(capture.camera.sensor)
     table, segmentation = segment_capture(capture, profile, seed=seed)
     seen = capture.depth > 0.0
     holes = 1.0 - float(np.mean(seen[segmentation.garment]))
-    if holes > _MOST_HOLES_ON_GARMENT:
-        raise InputError(
+    if holes > _MAX_HOLE_FRACTION:
+        raise InsufficientViewError(
             f"{capture.name}: insufficient view, {holes:.0%} of the garment has no reading, at "
-            f"most {_MOST_HOLES_ON_GARMENT:.0%} may lack; look again"
+            f"most {_MAX_HOLE_FRACTION:.0%} may lack; look again"
         )
     _log.info(
         "%s: table at %.3f m, %.2f mm RMS; garment found by %s",
@@ -80,40 +98,63 @@ def range_map_from_capture(
         1e3 * table.rms,
         segmentation.method,
     )
-    points_C = _points(table.depth, capture.camera)
+    points_C = capture.camera.unproject_image(table.depth)
     if capture.X_WC is not None:
-        R_WC, p_WC = capture.X_WC[:3, :3], capture.X_WC[:3, 3]
-        table_height = _table_height(R_WC, p_WC, table, points_C, segmentation.garment, capture)
+        placed = _posed(capture, capture.X_WC, table, points_C, segmentation.garment)
     else:
-        R_WC, p_WC = _laid(table, points_C, segmentation.garment & seen, centre, table_height, yaw)
-    return _gridded(capture, profile, table, segmentation, points_C, R_WC, p_WC, table_height)
+        garment = segmentation.garment & seen
+        placed = _laid(table, points_C, garment, centre, table_height, yaw)
+    return _gridded(capture, profile, table, segmentation, placed)
+
+
+@dataclass(frozen=True, eq=False)
+class _PlacedPoints:
+    """The points of a depth image and the pose of their camera.
+
+    Attributes:
+        points_C: (h, w, 3) in the camera frame C, metres.
+        R_WC, p_WC: (3, 3) and (3,), pose of C in the world.
+        table_height: world z of the table, metres.
+    """
+
+    points_C: NDArray[np.float64]
+    R_WC: NDArray[np.float64]
+    p_WC: NDArray[np.float64]
+    table_height: float
+
+    def plan(self) -> NDArray[np.float64]:
+        """Return the world x, y (h, w, 2) of the points, metres."""
+        return np.asarray(self.points_C @ self.R_WC[:2].T + self.p_WC[:2])
+
+    def in_camera(self, points_W: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return world points (..., 3) in the camera frame, metres."""
+        return np.asarray((points_W - self.p_WC) @ self.R_WC)
 
 
 def segment_capture(
     capture: Capture, profile: NoiseProfile, *, seed: int = 0
 ) -> tuple[TableFit, Segmentation]:
-    """Fit the table and find the garment in the depth image's pixels.
+    """Fit the table and segment the garment in the depth image.
 
-    The plane is fitted twice: the second time without the garment, which biases it upwards.
+    The plane is fitted a second time without the garment, which biases it upwards.
 
     Raises:
-        InputError: no table or no garment; the message names the capture.
+        NoGarmentError: there is no garment on the table.
+        InsufficientViewError: no table is found.
     """
-    seen = capture.depth > 0.0
-    try:
-        table = fit_table(capture.depth, capture.camera, profile, seed=seed)
-        segmentation = segment(
-            table.height,
-            seen,
-            profile,
-            colour=capture.colour,
-            registered=capture.colour_registered,
-            seed=seed,
-        )
-        near = _grown(segmentation.garment)
-        table = fit_table(capture.depth, capture.camera, profile, exclude=near, seed=seed)
-    except InputError as error:
-        raise InputError(str(error).replace("capture:", f"{capture.name}:", 1)) from None
+    depth, camera, name = capture.depth, capture.camera, capture.name
+    table = fit_table(depth, camera, profile, seed=seed, name=name)
+    segmentation = segment(
+        table.height,
+        depth > 0.0,
+        profile,
+        colour=capture.colour,
+        registered=capture.colour_registered,
+        seed=seed,
+        name=name,
+    )
+    near = _grown(segmentation.garment)
+    table = fit_table(depth, camera, profile, exclude=near, seed=seed, name=name)
     return table, segmentation
 
 
@@ -123,11 +164,6 @@ def _grown(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(grown) > 0
 
 
-def _points(depth: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
-    x, y = camera.rays()
-    return np.stack([x * depth, y * depth, depth], axis=-1)
-
-
 def _laid(
     table: TableFit,
     points_C: NDArray[np.float64],
@@ -135,8 +171,8 @@ def _laid(
     centre: Sequence[float],
     table_height: float,
     yaw: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Pose (R_WC, p_WC) with the table level, the image's down along +y turned by yaw."""
+) -> _PlacedPoints:
+    """Place the camera above a level table, with the image's down axis along +y rotated by yaw."""
     z_C = table.normal_C
     y_C = np.array([0.0, 1.0, 0.0]) - z_C[1] * z_C
     y_C /= np.linalg.norm(y_C)
@@ -144,30 +180,35 @@ def _laid(
     c, s = np.cos(yaw), np.sin(yaw)
     R_WC = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ level
     middle = (points_C[garment] @ R_WC.T).mean(axis=0)
-    # A point of the plane is -distance along the normal from the camera.
+    # The plane is `distance` below the camera along its normal.
     p_WC = np.array([centre[0] - middle[0], centre[1] - middle[1], table_height + table.distance])
-    return R_WC, p_WC
+    return _PlacedPoints(points_C, R_WC, p_WC, table_height)
 
 
-def _table_height(
-    R_WC: NDArray[np.float64],
-    p_WC: NDArray[np.float64],
+def _posed(
+    capture: Capture,
+    X_WC: NDArray[np.float64],
     table: TableFit,
     points_C: NDArray[np.float64],
     garment: NDArray[np.bool_],
-    capture: Capture,
-) -> float:
+) -> _PlacedPoints:
+    """Place the camera at its known pose; take the table's height from the plane below the garment.
+
+    Raises:
+        InputError: by the pose the table is not level.
+    """
+    R_WC, p_WC = X_WC[:3, :3], X_WC[:3, 3]
     normal_W = R_WC @ table.normal_C
     lean = float(np.degrees(np.arccos(np.clip(normal_W[2], -1.0, 1.0))))
-    if lean > _MOST_LEAN:
+    if lean > _MAX_TILT_DEG:
         raise InputError(
             f"{capture.name}: by the camera's pose the table leans by {lean:.1f} degrees, at most "
-            f"{_MOST_LEAN:.0f} are plausible; check the pose, or leave it out"
+            f"{_MAX_TILT_DEG:.0f} are plausible; check the pose, or leave it out"
         )
     seen = garment & (capture.depth > 0.0)
     middle = points_C[seen].mean(axis=0)
     foot = middle - (table.normal_C @ middle + table.distance) * table.normal_C
-    return float((R_WC @ foot + p_WC)[2])
+    return _PlacedPoints(points_C, R_WC, p_WC, float((R_WC @ foot + p_WC)[2]))
 
 
 def _gridded(
@@ -175,18 +216,16 @@ def _gridded(
     profile: NoiseProfile,
     table: TableFit,
     segmentation: Segmentation,
-    points_C: NDArray[np.float64],
-    R_WC: NDArray[np.float64],
-    p_WC: NDArray[np.float64],
-    table_height: float,
+    placed: _PlacedPoints,
 ) -> RangeMap:
+    """Average the heights above the table into the metric grid, with mask and colour."""
     camera = capture.camera
-    usable = (table.depth > 0.0) & (table.height > -max(_DEEPEST, 8.0 * profile.depth_noise))
-    plan = points_C @ R_WC[:2].T + p_WC[:2]
+    usable = (table.depth > 0.0) & (table.height > -max(_MAX_DEPTH_M, 8.0 * profile.depth_noise))
+    plan = placed.plan()
     on_garment = plan[segmentation.garment & usable]
     spacing = table.distance / min(camera.fx, camera.fy)
     resolution = profile.resolution
-    if spacing > _COARSER * resolution:
+    if spacing > _COARSER_RATIO * resolution:
         resolution = float(np.ceil(spacing * 1e4) / 1e4)
         _log.warning(
             "%s: pixels lie %.1f mm apart on the table, coarser than the grid of %.1f mm; "
@@ -197,7 +236,7 @@ def _gridded(
             1e3 * resolution,
         )
     try:
-        grid = Grid.over(on_garment[:, 0], on_garment[:, 1], resolution, _MARGIN)
+        grid = Grid.over(on_garment[:, 0], on_garment[:, 1], resolution, _MAP_MARGIN_M)
     except ValueError as error:
         raise InputError(f"{capture.name}: {error}; check the camera's intrinsics") from None
     xy = plan[usable]
@@ -208,15 +247,15 @@ def _gridded(
         grid.x_first + resolution * np.arange(grid.nx),
         grid.y_first + resolution * np.arange(grid.ny),
     )
-    cells_W = np.stack([x, y, table_height + height], axis=-1)
-    pixels = camera.project((cells_W - p_WC) @ R_WC).astype(np.float32)
-    # Cells without a reading take the mask of the pixel that looks at them, unless something
-    # nearer to the camera is what that pixel sees.
+    cells_W = np.stack([x, y, placed.table_height + height], axis=-1)
+    pixels = camera.project(placed.in_camera(cells_W)).astype(np.float32)
+    # Cells without a reading take the mask of the pixel that they project to, unless that pixel
+    # shows something nearer to the camera.
     looked_at = _sampled(segmentation.garment.astype(np.float32), pixels, cv2.BORDER_CONSTANT)
     in_front = _sampled(table.height.astype(np.float32), pixels, cv2.BORDER_CONSTANT)
-    hidden = ~valid & (in_front > _OCCLUDES)
+    hidden = ~valid & (in_front > _OCCLUSION_HEIGHT_M)
     share = np.where(valid, averages[..., 1], np.where(hidden, 0.0, looked_at))
-    garment = one_piece(share > 0.5, max(2, round(_TIDY / resolution)))
+    garment = one_piece(share > 0.5, max(2, round(_MASK_SMOOTHING_M / resolution)))
     colour = None
     if segmentation.colour is not None:
         colour = _sampled(segmentation.colour, pixels, cv2.BORDER_REPLICATE)
@@ -227,7 +266,7 @@ def _gridded(
         garment=garment,
         resolution=resolution,
         origin=np.array([grid.x_first, grid.y_first]),
-        table_height=table_height,
+        table_height=placed.table_height,
         sensor=profile.name,
         colour=colour,
     )

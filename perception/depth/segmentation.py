@@ -1,7 +1,7 @@
-"""Garment, table, background: GrabCut on colour with a depth prior, or depth alone.
+"""Garment segmentation: GrabCut on colour with a depth prior, or depth alone.
 
-GrabCut: C. Rother, V. Kolmogorov, A. Blake, SIGGRAPH 2004. Flat single cloth is 0.5-3 mm high, less
-than a depth camera's noise: there only colour can tell it from the table.
+GrabCut: C. Rother, V. Kolmogorov, A. Blake, SIGGRAPH 2004. A flat single layer of cloth is 0.5 to
+3 mm high, which is below a depth camera's noise: only colour distinguishes it from the table.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -13,29 +13,43 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Mask
+from unwrinkle.models.errors import InsufficientViewError, NoGarmentError
 from unwrinkle.perception.depth.color_registration import align_colour
 from unwrinkle.perception.sensor import NoiseProfile
 
-_WORK_WIDTH = 320
+#: Width of the image that GrabCut works on, pixels.
+_WORK_WIDTH_PX = 320
+
+#: Threads for the competing cuts.
 _WORKERS = 2
-_LEAST_AREA = 0.004
-_LEAST_SAMPLES = 20
-_LARGEST_AREA = 0.92
-_LEAST_CORE_KEPT = 0.85
-_ODDS = (1.0, 2.0, 4.0)  # the surroundings may hold much of the garment
+
+#: Least area of a garment, fraction of the view.
+_MIN_AREA_FRACTION = 0.004
+
+#: Least number of pixels of each of GrabCut's mixture models.
+_MIN_SAMPLES = 20
+
+#: Largest area of a garment, fraction of the view: the table must be visible around it.
+_MAX_AREA_FRACTION = 0.92
+
+#: Least fraction of the depth core inside a colour cut; below it depth alone decides.
+_MIN_CORE_FRACTION = 0.85
+
+#: Odds of the colour ratio for the starts of the first cut; several, because the assumed
+#: background may contain much of the garment.
+_START_ODDS = (1.0, 2.0, 4.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Segmentation:
-    """Which pixels of the depth image are garment.
+    """Segmentation of a depth image.
 
     Attributes:
-        garment: (h, w) bool.
+        garment: (h, w) bool mask of the garment.
         colour: (h, w, 3) uint8 RGB in the depth image's pixels, or None.
-        method: "colour", "aligned colour" or "depth": what decided.
-        alignment: (2, 3) affine from colour pixels to depth pixels where it was estimated.
+        method: data that decided: "colour", "aligned colour" or "depth".
+        alignment: (2, 3) affine from colour pixels to depth pixels if it was estimated.
     """
 
     garment: Mask
@@ -52,31 +66,34 @@ def segment(
     colour: NDArray[np.uint8] | None = None,
     registered: bool = True,
     seed: int = 0,
+    name: str = "capture",
 ) -> Segmentation:
-    """Find the garment in an image of heights above the table.
+    """Segment the garment in an image of heights above the table.
 
     Args:
-        height: (h, w) metres above the table plane, anything where not seen.
-        seen: (h, w) bool, where there is a reading.
+        height: (h, w) metres above the table plane; ignored where not seen.
+        seen: (h, w) bool, pixels with a reading.
         profile: noise of the sensor.
         colour: (h', w', 3) uint8 RGB, or None.
-        registered: the colour image has the depth image's pixels (then h', w' = h, w); otherwise a
-            similarity between them is estimated, and depth alone decides where that fails.
-        seed: of OpenCV's random numbers (GrabCut's mixture models start from k-means).
+        registered: whether colour and depth share pixels (h', w' = h, w). Otherwise a similarity
+            between them is estimated; if that fails, depth alone decides.
+        seed: of OpenCV's random numbers (k-means start of GrabCut's mixture models).
+        name: of the capture, for messages.
 
     Raises:
-        InputError: nothing stands out of the table, or nearly everything does.
+        NoGarmentError: nothing is higher than the table.
+        InsufficientViewError: the garment fills nearly the whole view.
     """
     smooth = smooth_heights(height, seen, _blur_radius(height.shape, profile))
     depth_mask, core = _by_depth(smooth, seen, profile)
     if not core.any():
-        raise InputError(
-            f"capture: no garment found (nothing over {_least_area(height.size)} pixels stands "
+        raise NoGarmentError(
+            f"{name}: no garment found (nothing over {_least_area(height.size)} pixels stands "
             f"{profile.garment_height * 1e3:.1f} mm above the table); lay a garment in view"
         )
     alignment = None
     image = None
-    pictured = np.ones(seen.shape, dtype=bool)  # where the colour image has pixels
+    pictured = np.ones(seen.shape, dtype=bool)  # depth pixels that the colour image covers
     method = "colour"
     if colour is not None and registered:
         image = colour
@@ -94,14 +111,14 @@ def segment(
             )
             warped = cv2.warpAffine(first.astype(np.uint8), alignment, size) > 0
             pictured = cv2.warpAffine(np.ones(first.shape, np.uint8), alignment, size) > 0
-            # Where there is no colour only what stands out clearly counts.
+            # Without colour, accept only clearly raised pixels.
             clear = core & (smooth > 2.0 * profile.garment_height)
             depth_mask = np.where(pictured, warped | core, clear)
             method = "aligned colour"
     garment = depth_mask
     if image is not None:
         cut = _grab_cut(image, core, depth_mask, pictured, seed)
-        if np.count_nonzero(cut & core) >= _LEAST_CORE_KEPT * np.count_nonzero(core):
+        if np.count_nonzero(cut & core) >= _MIN_CORE_FRACTION * np.count_nonzero(core):
             garment = cut
         else:
             image, alignment, method = (image if registered else None), None, "depth"
@@ -110,9 +127,9 @@ def segment(
         method = "depth"
     garment = one_piece(garment)
     share = np.count_nonzero(garment) / garment.size
-    if share > _LARGEST_AREA:
-        raise InputError(
-            f"capture: the garment fills {share:.0%} of the view; the table must be seen around it"
+    if share > _MAX_AREA_FRACTION:
+        raise InsufficientViewError(
+            f"{name}: the garment fills {share:.0%} of the view; the table must be seen around it"
         )
     return Segmentation(garment, image, method, alignment)
 
@@ -120,7 +137,7 @@ def segment(
 def smooth_heights(
     height: NDArray[np.floating[Any]], seen: Mask, radius: float
 ) -> NDArray[np.float32]:
-    """Gaussian average of the seen readings only; 0 far from every reading."""
+    """Return the Gaussian mean of the readings, metres; 0 far from every reading."""
     weight = cv2.GaussianBlur(seen.astype(np.float32), (0, 0), radius)
     total = cv2.GaussianBlur(np.where(seen, height, 0.0).astype(np.float32), (0, 0), radius)
     result: NDArray[np.float32] = np.where(weight > 0.05, total / np.maximum(weight, 0.05), 0.0)
@@ -128,17 +145,17 @@ def smooth_heights(
 
 
 def _blur_radius(shape: tuple[int, ...], profile: NoiseProfile) -> float:
-    # Enough averaging for the noise to sink well below the garment's least height.
+    # Average enough for the noise to be well below the garment's least height.
     ratio = profile.depth_noise / profile.garment_height
     return float(np.clip(6.0 * ratio, 1.0, 4.0)) * max(1.0, shape[1] / 640.0)
 
 
 def _least_area(size: int) -> int:
-    return int(_LEAST_AREA * size)
+    return int(_MIN_AREA_FRACTION * size)
 
 
 def _by_depth(smooth: NDArray[np.float32], seen: Mask, profile: NoiseProfile) -> tuple[Mask, Mask]:
-    """Hysteresis on height: the weak mask grown from the strong one, and the strong core."""
+    """Threshold heights with hysteresis; return the mask and its core above the upper threshold."""
     strong = smooth > profile.garment_height
     weak = (smooth > 0.5 * profile.garment_height).astype(np.uint8)
     weak = np.asarray(cv2.morphologyEx(weak, cv2.MORPH_OPEN, _disc(3)), dtype=np.uint8)
@@ -166,15 +183,15 @@ def _resize(mask: Mask, size: tuple[int, int]) -> Mask:
 
 
 def _small(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    scale = min(1.0, _WORK_WIDTH / image.shape[1])
+    scale = min(1.0, _WORK_WIDTH_PX / image.shape[1])
     size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def _run_grab_cut(image: NDArray[np.uint8], labels: NDArray[np.uint8], seed: int) -> Mask:
     start: Mask = (labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)
-    if min(np.count_nonzero(start), np.count_nonzero(~start)) < _LEAST_SAMPLES:
-        return start  # one of the mixture models would have nothing to learn from
+    if min(np.count_nonzero(start), np.count_nonzero(~start)) < _MIN_SAMPLES:
+        return start  # too few samples for one of the mixture models
     cv2.setRNGSeed(seed)
     lab = cv2.cvtColor(image, cv2.COLOR_RGB2LAB)
     background, foreground = np.zeros((1, 65)), np.zeros((1, 65))
@@ -183,11 +200,12 @@ def _run_grab_cut(image: NDArray[np.uint8], labels: NDArray[np.uint8], seed: int
 
 
 def _grab_cut_first(colour: NDArray[np.uint8], core: Mask, mask: Mask, seed: int) -> Mask:
-    """Segment a colour image that is only roughly where the depth image is.
+    """Segment a colour image that is roughly aligned with the depth image.
 
-    Where depth sees but a part of thin cloth, the rest of it must not teach the table's colours:
-    several starts compete (what depth sees; what looks more like the core than like the
-    surroundings, wherever it lies), and the cut whose outline lies on the strongest edges wins.
+    Depth may show only a part of thin cloth; the rest would then train the background model.
+    Therefore GrabCut runs from several starts (the depth mask, and masks of pixels whose colour is
+    more likely in the core than in the surroundings), and the cut with the strongest edges along
+    its outline is kept.
     """
     small = _small(colour)
     size = (small.shape[1], small.shape[0])
@@ -205,8 +223,8 @@ def _grab_cut_first(colour: NDArray[np.uint8], core: Mask, mask: Mask, seed: int
         mask = one_piece(_run_grab_cut(small, labels, seed))
         return _edge_strength(lab, mask), mask
 
-    starts = [_resize(mask, size), *(odds * ratio > 1.0 for odds in _ODDS)]
-    with ThreadPoolExecutor(_WORKERS) as pool:  # OpenCV's random numbers are each thread's own
+    starts = [_resize(mask, size), *(odds * ratio > 1.0 for odds in _START_ODDS)]
+    with ThreadPoolExecutor(_WORKERS) as pool:  # OpenCV's random state is per thread
         score, best = max(pool.map(cut, starts), key=lambda scored: scored[0])
     if score <= -1.0:
         best = np.zeros(small.shape[:2], dtype=bool)
@@ -214,7 +232,7 @@ def _grab_cut_first(colour: NDArray[np.uint8], core: Mask, mask: Mask, seed: int
 
 
 def _edge_strength(lab: NDArray[Any], mask: Mask) -> float:
-    """Mean colour step along the mask's outline, less the share of the frame that it covers."""
+    """Return the mean colour gradient on the outline times the fraction of free image border."""
     blurred = cv2.GaussianBlur(lab, (0, 0), 1.5).astype(np.float32)
     right, down = (np.asarray(cv2.Sobel(blurred, cv2.CV_32F, i, 1 - i)) for i in (1, 0))
     gradient = np.sqrt((right**2 + down**2).sum(axis=-1))
@@ -229,7 +247,7 @@ def _edge_strength(lab: NDArray[Any], mask: Mask) -> float:
 
 
 def _density(lab: NDArray[Any], where: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Density of each pixel's colour among the pixels `where`, from a smoothed histogram."""
+    """Return each pixel's colour density among the pixels `where` (smoothed histogram)."""
     bins = (lab >> 4).astype(np.intp)
     index = (bins[..., 0] * 16 + bins[..., 1]) * 16 + bins[..., 2]
     counts = np.bincount(index[where], minlength=4096).reshape(16, 16, 16)
@@ -240,7 +258,7 @@ def _density(lab: NDArray[Any], where: NDArray[np.bool_]) -> NDArray[np.float32]
 
 
 def _grab_cut(image: NDArray[np.uint8], core: Mask, mask: Mask, pictured: Mask, seed: int) -> Mask:
-    """Segment a registered colour image: far from the prior is table, high inside is garment."""
+    """Segment a registered colour image; fixed labels far outside the prior and in its core."""
     small = _small(image)
     size = (small.shape[1], small.shape[0])
     prior = _resize(mask, size)
@@ -256,7 +274,7 @@ def _grab_cut(image: NDArray[np.uint8], core: Mask, mask: Mask, pictured: Mask, 
 
 
 def one_piece(mask: Mask, radius: int | None = None) -> Mask:
-    """Return the largest piece, gaps and necks under 2 * radius closed and cut, holes filled."""
+    """Return the largest component after closing and opening with a disc, its holes filled."""
     if radius is None:
         radius = max(2, round(mask.shape[1] / 320))
     margin = 3 * radius + 2

@@ -1,6 +1,7 @@
-"""The part of a capture that shows a known table: from above a depth camera sees the floor as well.
+"""Cropping of a capture to a known table.
 
-Where the floor fills more of the view than the table does, it is the floor that `fit_table` finds.
+A depth camera above the cell also sees the floor. If the floor fills more of the view than the
+table, `fit_table` would fit the floor.
 """
 
 import dataclasses as dc
@@ -11,23 +12,26 @@ from unwrinkle.models import InputError
 from unwrinkle.models.table import Table
 from unwrinkle.perception.depth.capture import Capture
 
-_BELOW = 0.05  # metres under the table's top; a reading further down is not on it
-_LEAST_PIXELS = 32
+#: Depth below the table's top, metres, beyond which readings are removed.
+_MAX_DEPTH_M = 0.05
+
+#: Least width and height of the window, pixels.
+_MIN_SIDE_PX = 32
 
 
-def over_table(capture: Capture, table: Table) -> Capture:
-    """Crop a capture to the window that holds a table's top, and drop readings far below it.
+def crop_to_table(capture: Capture, table: Table) -> Capture:
+    """Crop a capture to the window of a table's top and remove readings far below it.
 
     Args:
-        capture: with the camera's pose.
+        capture: a capture with the camera's pose.
         table: the working table.
 
     Returns:
-        A capture of its own camera: the same pinhole with a smaller image.
+        The cropped capture, with the camera of its smaller image.
 
     Raises:
-        InputError: the pose is not known, the camera is not above the table, the table is not in
-            view, or there is next to no reading on it.
+        InputError: the pose is unknown, the camera is not above the table, the table is not in
+            view, or there are too few readings on it.
     """
     if capture.X_WC is None:
         raise InputError(f"{capture.name}: where the camera is, is not known; give its pose")
@@ -43,7 +47,7 @@ def over_table(capture: Capture, table: Table) -> Capture:
     shape = np.array([camera.width, camera.height])
     low = np.clip(np.floor(pixels.min(axis=0)).astype(int), 0, shape)
     high = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + 1, 0, shape)
-    if (high - low < _LEAST_PIXELS).any():
+    if (high - low < _MIN_SIDE_PX).any():
         raise InputError(
             f"{capture.name}: the table is not in view; check the camera's pose, or turn it there"
         )
@@ -51,7 +55,7 @@ def over_table(capture: Capture, table: Table) -> Capture:
     x, y = (axis[window] for axis in camera.rays())
     depth = np.array(capture.depth[window])
     level = depth * (R_WC[2, 0] * x + R_WC[2, 1] * y + R_WC[2, 2]) + p_WC[2]
-    depth[level < table.height - _BELOW] = 0.0
+    depth[level < table.height - _MAX_DEPTH_M] = 0.0
     registered = capture.colour is not None and capture.colour_registered
     return Capture(
         depth=depth,

@@ -1,7 +1,7 @@
-"""The table plane under the garment, and the slow bias of the depth sensor seen on it.
+"""Fit of the table plane under the garment, and of the depth sensor's low-frequency bias.
 
-A plane n . p = 1 seen by a pinhole has inverse depth 1/z = n . (x, y, 1): linear in the ray. So
-the fit is linear in inverse depth, which is also where structured light's errors are simple.
+A plane n . p = 1 seen by a pinhole camera has inverse depth 1/z = n . (x, y, 1), linear in the ray.
+The fit is therefore linear in inverse depth, in which structured light also has simple errors.
 """
 
 from dataclasses import dataclass
@@ -10,29 +10,40 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InsufficientViewError
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.sensor import NoiseProfile
 
+#: Trials of the consensus sampling.
 _TRIALS = 600
-_SAMPLES = 8000
-_FIT_SAMPLES = 80_000
-_LEAST_TABLE = 0.08
-_STEEPEST = 60.0
-_LEAST_PER_COLUMN = 0.08
+
+#: Readings on which a trial is scored.
+_SCORED_READINGS = 8000
+
+#: Limit of the readings in the least-squares fit.
+_MAX_FIT_READINGS = 80_000
+
+#: Least fraction of the readings on the plane.
+_MIN_TABLE_FRACTION = 0.08
+
+#: Largest angle between the view and the table's normal, degrees.
+_MAX_VIEW_ANGLE_DEG = 60.0
+
+#: Least fraction of a column's pixels on the table for a bias of its own.
+_MIN_COLUMN_FRACTION = 0.08
 
 
 @dataclass(frozen=True, eq=False)
 class TableFit:
-    """The table plane in the camera frame C and the depth with the slow bias taken out.
+    """Table plane in the camera frame C, and the depth with the bias removed.
 
     Attributes:
-        normal_C: (3,) unit normal that points to the camera (up).
+        normal_C: (3,) unit normal towards the camera (up).
         distance: from the camera to the plane, metres.
-        depth: (h, w) metres along z of C, bias corrected, 0 where there is no reading.
-        height: (h, w) metres above the plane, 0 where there is no reading.
-        table: (h, w) bool, readings that lie on the plane.
-        rms: metres, of the table's readings about the plane.
+        depth: (h, w) bias-corrected depth along z of C, metres; 0 without a reading.
+        height: (h, w) height above the plane, metres; 0 without a reading.
+        table: (h, w) bool, readings on the plane.
+        rms: RMS height of the readings on the plane, metres.
     """
 
     normal_C: NDArray[np.float64]
@@ -50,28 +61,32 @@ def fit_table(
     *,
     exclude: NDArray[np.bool_] | None = None,
     seed: int = 0,
+    name: str = "capture",
 ) -> TableFit:
-    """Fit the table that a garment lies on: much of the view is on it, little is below.
+    """Fit the table plane: much of the view lies on it and little below it.
 
     Args:
         depth: (h, w) metres along the optical axis, 0 for no reading.
-        camera: of that image size.
-        profile: noise of the sensor; says whether a slow bias is taken out.
-        exclude: (h, w) readings known to be garment, left out of the fit.
+        camera: intrinsics of the depth image.
+        profile: noise of the sensor, and the kind of bias to remove.
+        exclude: (h, w) bool, readings on the garment, left out of the fit.
         seed: of the consensus sampling.
+        name: of the capture, for messages.
 
     Raises:
-        InputError: no plane holds enough of the view, or it is seen at a grazing angle.
+        InsufficientViewError: no plane has enough readings, or it is seen at a grazing angle.
     """
     x, y = camera.rays()
     seen = depth > 0.0
     usable = seen if exclude is None else seen & ~exclude
     if np.count_nonzero(usable) < 100:
-        raise InputError("capture: too little of the table is seen; show table around the garment")
+        raise InsufficientViewError(
+            f"{name}: too little of the table is seen; show table around the garment"
+        )
     rng = np.random.default_rng(seed)
     rows, columns = np.nonzero(usable)
-    if rows.size > _FIT_SAMPLES:
-        pick = rng.choice(rows.size, _FIT_SAMPLES, replace=False)
+    if rows.size > _MAX_FIT_READINGS:
+        pick = rng.choice(rows.size, _MAX_FIT_READINGS, replace=False)
         rows, columns = rows[pick], columns[pick]
     inverse = 1.0 / np.asarray(depth, dtype=float)[rows, columns]
     rays = np.column_stack([x[rows, columns], y[rows, columns], np.ones(rows.size)])
@@ -80,19 +95,19 @@ def fit_table(
     for _ in range(8):
         height = _heights(rays, inverse, plane)
         on = (height > -3.0 * band) & (height < band)
-        if np.count_nonzero(on) < _LEAST_TABLE * rows.size:
-            raise InputError(
-                "capture: no table plane found (only "
+        if np.count_nonzero(on) < _MIN_TABLE_FRACTION * rows.size:
+            raise InsufficientViewError(
+                f"{name}: no table plane found (only "
                 f"{np.count_nonzero(on) / rows.size:.0%} of the readings agree on one); "
                 "show more of a flat table around the garment"
             )
         plane = np.asarray(np.linalg.lstsq(rays[on], inverse[on], rcond=None)[0], dtype=float)
     length = float(np.linalg.norm(plane))
     tilt = np.degrees(np.arccos(np.clip(plane[2] / length, -1.0, 1.0)))
-    if tilt > _STEEPEST:
-        raise InputError(
-            f"capture: the table is seen at {tilt:.0f} degrees from straight above, "
-            f"at most {_STEEPEST:.0f} are usable; look from further above"
+    if tilt > _MAX_VIEW_ANGLE_DEG:
+        raise InsufficientViewError(
+            f"{name}: the table is seen at {tilt:.0f} degrees from straight above, "
+            f"at most {_MAX_VIEW_ANGLE_DEG:.0f} are usable; look from further above"
         )
     full_inverse = np.zeros(depth.shape)
     full_inverse[seen] = 1.0 / np.asarray(depth, dtype=float)[seen]
@@ -120,7 +135,7 @@ def _consensus(
     band: float,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
-    pick = rng.choice(inverse.size, min(_SAMPLES, inverse.size), replace=False)
+    pick = rng.choice(inverse.size, min(_SCORED_READINGS, inverse.size), replace=False)
     rays, inverse = rays[pick], inverse[pick]
     best, best_score = np.array([0.0, 0.0, np.median(inverse)]), -np.inf
     for _ in range(_TRIALS):
@@ -131,7 +146,7 @@ def _consensus(
         if plane[2] <= 0.0:
             continue
         height = _heights(rays, inverse, plane)
-        # The garment lies above: readings under the plane speak against it, those above do not.
+        # Readings below the plane lower the score; those above may be the garment.
         below = (height < -2.0 * band) & (height > -0.1)
         score = float(np.count_nonzero(np.abs(height) < band) - 0.5 * np.count_nonzero(below))
         if score > best_score:
@@ -146,7 +161,7 @@ def _bias(
     band: float,
     profile: NoiseProfile,
 ) -> NDArray[np.float64]:
-    """Slow error of inverse depth over the image: a low polynomial, and bands along columns."""
+    """Return the inverse-depth bias (h, w): a polynomial over the image and column offsets."""
     bias = np.zeros(residual.shape)
     if profile.bias_degree < 2 and not profile.column_bias:
         return bias
@@ -156,7 +171,7 @@ def _bias(
     powers = [
         (i, j) for i in range(profile.bias_degree + 1) for j in range(profile.bias_degree + 1 - i)
     ]
-    step = max(1, int(np.sqrt(residual.size / _FIT_SAMPLES)))
+    step = max(1, int(np.sqrt(residual.size / _MAX_FIT_READINGS)))
     thin = (slice(None, None, step), slice(None, None, step))
     for _ in range(4):
         rest = residual - bias
@@ -175,9 +190,9 @@ def _bias(
 
 
 def _columns(rest: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Median error per column; columns with little table in view take their neighbours'."""
+    """Return the median error per column, interpolated over columns with little table in view."""
     count = np.count_nonzero(np.isfinite(rest), axis=0)
-    good = count >= _LEAST_PER_COLUMN * rest.shape[0]
+    good = count >= _MIN_COLUMN_FRACTION * rest.shape[0]
     if np.count_nonzero(good) < 2:
         return np.zeros((1, rest.shape[1]))
     medians = np.nanmedian(rest[:, good], axis=0)

@@ -1,1 +1,1 @@
-"""Where the head looks: vergence on a point, localisation in an image, visual search."""
+"""Gaze of the stereo head: vergence, sub-pixel localization, visual search."""

@@ -1,7 +1,7 @@
-"""Gaze and vergence: both eyes' optical axes through one point of the scene.
+"""Gaze control and vergence: both optical axes through one point of the scene.
 
-Gaze: a target, known by a template, is centred in both eyes. Vergence: the surface point at the
-target's centre in the left eye is centred in the right one too.
+Gaze control centres a target, given by a template, in both eyes. Vergence centres in the right eye
+the surface point that is in the centre of the left eye.
 """
 
 import logging
@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import atan, degrees, hypot, isfinite, radians
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,28 +22,36 @@ from unwrinkle.perception.stereo.head import Gaze, PanTiltUnit, StereoHead
 
 logger = logging.getLogger(__name__)
 
-#: Within this the target counts as centred: angle between it and the optical axis, radians.
+#: Angle between target and optical axis within which the target is centred, radians.
 TOLERANCE = radians(0.020)
 
-_STOP = 0.65  # of the tolerance; the rest is for the measurement's own errors, a pixel on a flank
-_NEAR_MISS = 0.002  # metres; rays this close to each other tell the range themselves
-_BAND = 0.15  # metres above or below the stated surface that are believed
-_SHALLOW = 0.05  # a ray less steep than this meets the table too far away
+#: Fraction of the tolerance at which the loop stops; the rest allows for measurement errors (about
+#: a pixel on the slope of a wrinkle).
+_STOP_FRACTION = 0.65
+
+#: Distance between the rays of both eyes, metres, below which their intersection is used.
+_MAX_RAY_DISTANCE_M = 0.002
+
+#: Largest distance of that intersection from the stated surface, metres.
+_MAX_SURFACE_DISTANCE_M = 0.15
+
+#: Least slope of a ray (sine) for its intersection with the surface.
+_MIN_RAY_SLOPE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class GazeLook:
-    """What one pair of images says about the gaze.
+class GazeMeasurement:
+    """Gaze error measured from one image pair, and the next gaze.
 
     Attributes:
-        gaze: that the pair was taken with.
-        left, right: where the target is in the images.
-        left_offset, right_offset: angle between optical axis and target, radians; infinite where
-            the target is not seen.
-        centred: both are small, and measured sharply.
-        next: gaze that would centre the target, in whole steps of the units; None where the target
-            is in neither eye or a unit cannot look there.
-        reason: why there is no next gaze; empty if there is.
+        gaze: gaze at which the pair was taken.
+        left, right: positions of the target in the images.
+        left_offset, right_offset: angle between optical axis and target, radians; infinite if the
+            target is not seen.
+        centred: whether both offsets are small and measured to a fraction of a pixel.
+        next: gaze that centres the target, in whole steps of the units; None if neither eye sees
+            the target or a unit cannot reach it.
+        reason: why there is no next gaze; empty if there is one.
     """
 
     gaze: Gaze
@@ -59,56 +66,53 @@ class GazeLook:
 
 @dataclass(frozen=True, eq=False)
 class Centring:
-    """How the closed loop went.
+    """Outcome of the closed loop of `centre`.
 
     Attributes:
-        looks: pairs taken, in order.
-        centred: whether the last of them shows the target in the middle of both eyes.
-        reason: why not; empty if so.
+        measurements: measurement of each pair, in order.
+        centred: whether the target is centred in both images of the last pair.
+        reason: why it is not; empty if it is.
     """
 
-    looks: tuple[GazeLook, ...]
+    measurements: tuple[GazeMeasurement, ...]
     centred: bool
     reason: str = ""
 
     @property
     def gaze(self) -> Gaze:
-        """Where the head looks now."""
-        return self.looks[-1].gaze
+        """Gaze of the last pair."""
+        return self.measurements[-1].gaze
 
 
-#: Moves the units to a gaze and takes a pair: left, right image, and the gaze the units report.
+#: Function that moves the units to a gaze and takes a pair: left and right image, reported gaze.
 TakePair = Callable[[Gaze], tuple[NDArray[np.uint8], NDArray[np.uint8], Gaze]]
 
 
 def offset(camera: Camera, pixel: Points) -> float:
-    """Angle between the optical axis and the ray through a pixel (2,), radians."""
+    """Return the angle between the optical axis and the ray through a pixel (2,), radians."""
     x, y, _ = ray(camera, pixel)
     return atan(hypot(x, y))
 
 
 def ray(camera: Camera, pixel: Points) -> NDArray[np.float64]:
-    """Undistorted ray (x, y, 1) through a pixel (2,), in the camera's frame."""
+    """Return the undistorted ray (x, y, 1) through a pixel (2,), in the camera's frame."""
     inside = -0.5 <= pixel[0] <= camera.width - 0.5 and -0.5 <= pixel[1] <= camera.height - 0.5
-    if any(camera.distortion) and inside:  # its polynomial holds for the image only
-        seen = np.asarray(pixel, dtype=float).reshape(1, 1, 2)
-        straight = cv2.undistortPoints(seen, camera.matrix, np.array(camera.distortion))
-        return np.array([*np.asarray(straight, dtype=float).ravel(), 1.0])
-    x, y = (pixel - np.array([camera.cx, camera.cy])) / (camera.fx, camera.fy)
-    return np.array([x, y, 1.0])
+    if not inside:  # the distortion polynomial is valid within the image only
+        camera = replace(camera, distortion=[])
+    return camera.unproject(pixel, 1.0)
 
 
 def surface_point(
     camera: Camera, X_WC: Pose, pixel: Points, height: float
 ) -> NDArray[np.float64] | None:
-    """Where the ray through a pixel meets the level surface at a height of the world, p_W (3,).
+    """Return the world point (3,), metres, where a pixel's ray meets the plane z = height.
 
-    None where it does not, or too far away for the pixel to tell.
+    None if it does not, or meets it at too small an angle.
     """
     direction = X_WC[:3, :3] @ ray(camera, pixel)
     eye = X_WC[:3, 3]
     drop = height - eye[2]
-    if drop * direction[2] <= 0.0 or abs(direction[2]) < _SHALLOW * np.linalg.norm(direction):
+    if drop * direction[2] <= 0.0 or abs(direction[2]) < _MIN_RAY_SLOPE * np.linalg.norm(direction):
         return None
     return np.asarray(eye + drop / direction[2] * direction)
 
@@ -116,9 +120,9 @@ def surface_point(
 def crossing(
     head: StereoHead, poses: tuple[Pose, Pose], left: Points, right: Points
 ) -> tuple[NDArray[np.float64], float] | None:
-    """Where the rays through a pixel (2,) of either eye come closest: p_W (3,), and by how much.
+    """Return the midpoint (3,) of both rays' closest approach, and their distance, metres.
 
-    None where they do not meet before the head.
+    None if the closest approach is behind the head or the rays are parallel.
     """
     rays = [
         X_WC[:3, :3] @ ray(eye.camera, pixel)
@@ -133,7 +137,7 @@ def crossing(
 
 
 def in_steps(unit: PanTiltUnit, pan: float, tilt: float, name: str = "unit") -> tuple[int, int]:
-    """Positions of a unit in whole steps, nearest to angles in radians and within its limits.
+    """Return the unit's pan and tilt in whole steps, nearest to angles in radians, within limits.
 
     Raises:
         InputError: the angles are beyond the limits.
@@ -149,7 +153,7 @@ def in_steps(unit: PanTiltUnit, pan: float, tilt: float, name: str = "unit") -> 
 
 
 def quantised(head: StereoHead, gaze: Gaze) -> Gaze:
-    """Nearest gaze that the units' steps allow.
+    """Return the nearest gaze in whole steps of the units.
 
     Raises:
         InputError: an angle is beyond its limits.
@@ -161,7 +165,7 @@ def quantised(head: StereoHead, gaze: Gaze) -> Gaze:
     return _gaze(angles, gaze.ext_axis)
 
 
-def look(
+def measure_gaze(
     head: StereoHead,
     target: Template | None,
     left: NDArray[np.uint8],
@@ -170,23 +174,24 @@ def look(
     *,
     height: float,
     tolerance: float = TOLERANCE,
-) -> GazeLook:
-    """Say from one pair of images how far the gaze is off, and where to look next.
+) -> GazeMeasurement:
+    """Measure the gaze error from one image pair, and compute the next gaze.
 
-    Each eye turns so that its axis passes through where its own ray to the target meets the other
-    eye's, or, where they miss each other, the surface at `height`. An eye that does not see the
-    target is sent to where the other sees it.
+    Each eye is aimed at the intersection of both eyes' rays to the target or, if these miss each
+    other, at the intersection of its own ray with the surface at `height`. An eye that does not see
+    the target is aimed at the point that the other eye sees.
 
     Args:
         head: the head.
-        target: what to centre; None verges the right eye on what the left one has in its middle.
-        left, right: (h, w) or (h, w, 3) RGB uint8, of the cameras' sizes.
-        gaze: that they were taken with, as the units report it.
-        height: world z of the surface looked at, metres; centimetres off do little harm.
+        target: template to centre; None verges the right eye on the centre of the left image.
+        left, right: (h, w) or (h, w, 3) RGB uint8 images of the cameras' sizes.
+        gaze: reported gaze at which they were taken.
+        height: world z of the observed surface, metres; errors of centimetres matter little.
         tolerance: of `centred`, radians.
 
     Raises:
-        InputError: an image is not of its camera's size, or the gaze is beyond the limits.
+        InputError: the size of an image differs from its camera's, or the gaze is beyond the
+            limits.
     """
     for eye, image in ((head.left, left), (head.right, right)):
         if image.shape[:2] != (eye.camera.height, eye.camera.width):
@@ -207,13 +212,13 @@ def look(
     ]
     sharp = all(isinstance(sight, Sighting) and sight.sharp for sight in seen)
     following, reason = _following(head, gaze, poses, seen, height, vergence=target is None)
-    return GazeLook(
+    return GazeMeasurement(
         gaze=gaze,
         left=seen[0],
         right=seen[1],
         left_offset=offsets[0],
         right_offset=offsets[1],
-        centred=sharp and max(offsets) <= _STOP * tolerance,
+        centred=sharp and max(offsets) <= _STOP_FRACTION * tolerance,
         next=following,
         reason=reason,
     )
@@ -227,43 +232,44 @@ def centre(
     *,
     height: float,
     tolerance: float = TOLERANCE,
-    most_looks: int = 6,
+    max_measurements: int = 6,
 ) -> Centring:
-    """Look and move until the target is in the middle of both eyes.
+    """Take pairs and move the units until the target is centred in both eyes.
 
     Args:
-        head: the head as calibrated; errors of its calibration cost looks, not accuracy.
-        target: what to centre; None verges the right eye on what the left one looks at.
+        head: calibrated head; errors of its calibration cost iterations, not accuracy.
+        target: template to centre; None verges the right eye on the centre of the left image.
         start: first gaze.
-        take: moves to a gaze, takes a pair and returns it with the gaze that the units report.
-        height: world z of the surface looked at, metres.
-        tolerance: angle between optical axis and target that counts as centred, radians.
-        most_looks: give up after so many.
+        take: function that moves the units and takes a pair.
+        height: world z of the observed surface, metres.
+        tolerance: largest angle between optical axis and target, radians.
+        max_measurements: limit of the number of pairs.
 
     Raises:
-        InputError: the start is beyond the limits, an image is not of its camera's size, or no
-            look is allowed.
+        InputError: the start is beyond the limits, the size of an image differs from its camera's,
+            or `max_measurements` is below 1.
     """
-    if most_looks < 1:
-        raise InputError(f"gaze: most_looks is {most_looks}; at least one look is needed")
-    looks: list[GazeLook] = []
+    if max_measurements < 1:
+        raise InputError(f"gaze: max_measurements is {max_measurements}; at least one is needed")
+    measurements: list[GazeMeasurement] = []
     wanted = quantised(head, start)
-    while len(looks) < most_looks:
+    while len(measurements) < max_measurements:
         left, right, gaze = take(wanted)
-        now = look(head, target, left, right, gaze, height=height, tolerance=tolerance)
-        looks.append(now)
-        logger.debug("look %d: %.1f, %.1f mdeg off", len(looks), *_millidegrees(now))
+        now = measure_gaze(head, target, left, right, gaze, height=height, tolerance=tolerance)
+        measurements.append(now)
+        logger.debug("look %d: %.1f, %.1f mdeg off", len(measurements), *_millidegrees(now))
         if now.centred:
-            return Centring(tuple(looks), True)
+            return Centring(tuple(measurements), True)
         if now.next is None:
-            return Centring(tuple(looks), False, now.reason)
+            return Centring(tuple(measurements), False, now.reason)
         wanted = now.next
-    last_left, last_right = _millidegrees(looks[-1])
+    last_left, last_right = _millidegrees(measurements[-1])
     return Centring(
-        tuple(looks),
+        tuple(measurements),
         False,
-        f"after {most_looks} looks still {last_left:.1f} (left) and {last_right:.1f} (right) "
-        f"millidegrees off, or not measured sharply; wanted {1e3 * degrees(tolerance):.1f}",
+        f"after {max_measurements} measurements still {last_left:.1f} (left) and "
+        f"{last_right:.1f} (right) millidegrees off, or not measured sharply; "
+        f"wanted {1e3 * degrees(tolerance):.1f}",
     )
 
 
@@ -293,7 +299,7 @@ def _following(
     *,
     vergence: bool,
 ) -> tuple[Gaze | None, str]:
-    """Next gaze, or None and why."""
+    """Return the next gaze, or None and the reason."""
     eyes = (head.left, head.right)
     points = [
         surface_point(eye.camera, X_WC, sight.pixel, height)
@@ -303,8 +309,12 @@ def _following(
     ]
     if isinstance(seen[0], Sighting) and isinstance(seen[1], Sighting):
         met = crossing(head, poses, seen[0].pixel, seen[1].pixel)
-        # Rays that miss each other tell that the head is not where its model says.
-        if met is not None and met[1] < _NEAR_MISS and abs(met[0][2] - height) < _BAND:
+        # Rays that miss each other show an error of the head's calibration: do not intersect them.
+        if (
+            met is not None
+            and met[1] < _MAX_RAY_DISTANCE_M
+            and abs(met[0][2] - height) < _MAX_SURFACE_DISTANCE_M
+        ):
             points = [met[0], met[0]]
     known = [point for point in points if point is not None]
     if not known:
@@ -329,5 +339,5 @@ def _gaze(angles: list[float], ext_axis: float) -> Gaze:
     return Gaze(left_pan, left_tilt, right_pan, right_tilt, ext_axis)
 
 
-def _millidegrees(now: GazeLook) -> tuple[float, float]:
+def _millidegrees(now: GazeMeasurement) -> tuple[float, float]:
     return 1e3 * degrees(now.left_offset), 1e3 * degrees(now.right_offset)

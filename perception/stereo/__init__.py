@@ -1,1 +1,1 @@
-"""From a pair of images of the stereo head to a range map: rectification, dense matching, heights."""
+"""Stereo head: rectification, dense matching and range mapping of image pairs."""

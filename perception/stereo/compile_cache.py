@@ -1,8 +1,8 @@
-"""Compiling the matcher's kernels before they are needed, in a process of its own.
+"""Compile the stereo matcher's numba kernels into numba's cache, in a child process.
 
-A kernel that was compiled just now and the same kernel loaded from numba's cache differ in the last bits of a float (its
-inner loops are free to add up in any order). A run would then not repeat bit by bit what the first run of an installation
-did. So that all runs load their kernels, a child process compiles them.
+A freshly compiled kernel and the same kernel loaded from numba's cache differ in the last bits of
+their results (`fastmath` leaves the order of sums open), so the first run of an installation would
+not be repeatable bit by bit. With the child process, every run loads its kernels from the cache.
 """
 
 import logging
@@ -18,13 +18,18 @@ from unwrinkle.perception.stereo.matching import match
 
 _log = logging.getLogger(__name__)
 
-_SHAPE = (816, 1232)  # a sixteenth of the head's pictures: every stage of the matcher runs
-_SHIFT = 4
-_LONGEST = 300.0  # s
+#: Size of the random images, pixels: 1/16 of the head's images, which runs every matcher stage.
+_IMAGE_SHAPE = (816, 1232)
+
+#: Disparity of the random images, pixels.
+_DISPARITY_PX = 4
+
+#: Timeout of the child process, s.
+_TIMEOUT_S = 300.0
 
 
 def compiled() -> bool:
-    """Whether the kernels are in numba's cache."""
+    """Return whether the kernels are in numba's cache."""
     return all(
         any(Path(folder).glob(f"{module.__name__.rpartition('.')[2]}.*.nbi"))
         for module in (plate_fit, cell_sums, normal_equations)
@@ -33,31 +38,32 @@ def compiled() -> bool:
 
 
 def ensure_compiled() -> bool:
-    """Have the kernels compiled by a child process, if they are not in the cache yet.
+    """Compile the kernels in a child process if they are not in the cache.
 
     Returns:
-        Whether that was needed. What goes wrong is only logged: the kernels are then compiled when they are used.
+        Whether the child process was started. Its failure is logged only; the kernels are then
+        compiled at their first use.
     """
     if compiled():
         return False
     _log.info("compiling the stereo matcher, once")
     command = [sys.executable, "-c", f"from {__name__} import compile_kernels; compile_kernels()"]
     try:
-        subprocess.run(command, check=True, capture_output=True, timeout=_LONGEST)
+        subprocess.run(command, check=True, capture_output=True, timeout=_TIMEOUT_S)
     except (OSError, subprocess.SubprocessError) as error:
         _log.warning("the stereo matcher could not be compiled beforehand: %s", error)
     return True
 
 
 def compile_kernels() -> None:
-    """Match a pair of random pictures, which compiles every kernel that is not in the cache."""
-    noise = np.random.default_rng(0).uniform(0.0, 255.0, _SHAPE).astype(np.float32)
+    """Match a pair of random images, which compiles every kernel that is not in the cache."""
+    noise = np.random.default_rng(0).uniform(0.0, 255.0, _IMAGE_SHAPE).astype(np.float32)
     grey = cv2.GaussianBlur(noise, (0, 0), 1.5)
     left = np.asarray(cv2.normalize(grey, None, 20, 235, cv2.NORM_MINMAX), dtype=np.uint8)
-    match(left, np.roll(left, -_SHIFT, axis=1), -2 * _SHIFT, 2 * _SHIFT)
+    match(left, np.roll(left, -_DISPARITY_PX, axis=1), -2 * _DISPARITY_PX, 2 * _DISPARITY_PX)
 
 
 def _folders(module: object) -> set[str]:
-    """Where numba keeps a module's kernels."""
+    """Return the folders of numba's cache for a module's kernels."""
     found = {value.stats.cache_path for value in vars(module).values() if hasattr(value, "py_func")}
     return {str(path) for path in found if path}

@@ -1,8 +1,8 @@
-"""The stereo head: from the angles of its two pan-tilt units to the poses of its two cameras.
+"""Kinematics of the stereo head: from pan-tilt angles to camera poses, and back.
 
-Frames: W the world; R the turn-table, which carries the head; B the base of a pan-tilt unit; M its
-mount; C a camera. A unit's +pan turns its camera to the left, +tilt raises the view; at zero the
-camera looks along +x of M.
+Frames: W world; R turn-table, which carries the head; B base of a pan-tilt unit; M its mount; C
+camera. +pan turns the camera to the left, +tilt raises the view; at zero the camera looks along +x
+of M.
 """
 
 from dataclasses import astuple, dataclass
@@ -16,8 +16,11 @@ from unwrinkle.models.arrays import Pose
 from unwrinkle.models.transforms import inverse, pose, transformed, turn
 from unwrinkle.perception.camera import Camera
 
-_AIM_STEPS = 20
-_AIMED = 1e-10  # tangent of the angle left between the axis and the point
+#: Limit of Newton iterations when aiming.
+_MAX_AIM_ITERATIONS = 20
+
+#: Tangent of the angle between optical axis and point at which aiming has converged.
+_AIM_TOLERANCE = 1e-10
 
 
 @dataclass(frozen=True)
@@ -25,10 +28,10 @@ class PanTiltUnit:
     """Kinematics and limits of a pan-tilt unit (PTU-D46).
 
     Attributes:
-        pan_origin: where both axes cross, in the base's frame, metres.
-        mount_origin: the mount in the frame of the tilting stage, metres.
+        pan_origin: intersection of both axes in the base's frame, metres.
+        mount_origin: the mount's origin in the frame of the tilting stage, metres.
         step: the motors' resolution, radians.
-        pan, tilt: lower and upper limit, radians.
+        pan, tilt: lower and upper limits, radians.
     """
 
     pan_origin: tuple[float, float, float] = (0.0, -0.009525, 0.091694)
@@ -38,15 +41,15 @@ class PanTiltUnit:
     tilt: tuple[float, float] = (0.0, 0.0)
 
     def mount_pose(self, pan: float, tilt: float) -> Pose:
-        """X_BM (4, 4) at angles in radians; the limits are not looked at."""
+        """Return X_BM (4, 4) at angles in radians; the limits are not checked."""
         X_BP = pose(np.eye(3), np.array(self.pan_origin)) @ turn("z", pan) @ turn("y", -tilt)
         return np.asarray(X_BP @ pose(np.eye(3), np.array(self.mount_origin)))
 
     def check(self, pan: float, tilt: float, name: str) -> None:
-        """Refuse angles beyond the limits.
+        """Check that the angles, radians, are within the limits.
 
         Raises:
-            InputError: which axis of which unit (`name`), by how much.
+            InputError: an angle is beyond its limits; the message names the unit (`name`).
         """
         for axis, angle, (lower, upper) in (("pan", pan, self.pan), ("tilt", tilt, self.tilt)):
             if not isfinite(angle):
@@ -61,7 +64,7 @@ class PanTiltUnit:
 
 @dataclass(frozen=True)
 class Gaze:
-    """Where the head looks: the angles of its units and of the turn-table, radians."""
+    """Gaze of the head: the angles of its pan-tilt units and of the turn-table, radians."""
 
     left_pan: float = 0.0
     left_tilt: float = 0.0
@@ -82,14 +85,14 @@ class Gaze:
 
 @dataclass(frozen=True, eq=False)
 class Eye:
-    """A camera on a pan-tilt unit.
+    """Camera on a pan-tilt unit.
 
     Attributes:
         name: "left" or "right", for messages.
         camera: intrinsics and distortion.
         unit: the pan-tilt unit.
-        X_RB: (4, 4) the unit's base in the turn-table's frame.
-        X_MC: (4, 4) the camera in the mount's frame (pan-tilt to camera).
+        X_RB: (4, 4) pose of the unit's base in the turn-table's frame.
+        X_MC: (4, 4) pose of the camera in the mount's frame (hand-eye transform).
     """
 
     name: str
@@ -99,7 +102,7 @@ class Eye:
     X_MC: Pose
 
     def pose(self, pan: float, tilt: float) -> Pose:
-        """X_RC (4, 4), the camera in the turn-table's frame.
+        """Return X_RC (4, 4), the camera in the turn-table's frame, at angles in radians.
 
         Raises:
             InputError: the angles are beyond the unit's limits.
@@ -108,19 +111,19 @@ class Eye:
         return np.asarray(self.X_RB @ self.unit.mount_pose(pan, tilt) @ self.X_MC)
 
     def aim(self, p_RQ: NDArray[np.float64]) -> tuple[float, float]:
-        """Pan and tilt, radians, whose optical axis passes through the point (3,) of frame R.
+        """Return pan and tilt, radians, whose optical axis passes through a point (3,) of frame R.
 
         Raises:
-            InputError: the point is behind the unit, at its axes, or beyond its limits.
+            InputError: the point is behind the unit, on its axes, or beyond its limits.
         """
         p_BQ = transformed(inverse(self.X_RB), np.asarray(p_RQ, dtype=float))
         x, y, z = p_BQ - np.array(self.unit.pan_origin)
         angles = np.array([atan2(y, x), atan2(z, hypot(x, y))])
-        for _ in range(_AIM_STEPS):
+        for _ in range(_MAX_AIM_ITERATIONS):
             missed = self._off_axis(angles, p_BQ)
             if not np.isfinite(missed).all():
                 break
-            if np.abs(missed).max() < _AIMED:
+            if np.abs(missed).max() < _AIM_TOLERANCE:
                 pan, tilt = float(angles[0]), float(angles[1])
                 self.unit.check(pan, tilt, f"{self.name} eye, to look at {np.round(p_RQ, 3)}")
                 return pan, tilt
@@ -144,11 +147,11 @@ class Eye:
 
 @dataclass(frozen=True, eq=False)
 class StereoHead:
-    """Two eyes on the turn-table.
+    """Stereo head: two cameras on pan-tilt units on the turn-table.
 
     Attributes:
-        name: which head this is; calibrations and looks name it.
-        left, right: its eyes.
+        name: of the head; calibrations and head-angle files refer to it.
+        left, right: the eyes.
         turntable_height: of R's origin above the floor, metres.
         turntable_yaw: of R about the world's z at ext_axis = 0, radians.
     """
@@ -160,13 +163,13 @@ class StereoHead:
     turntable_yaw: float
 
     def turntable_pose(self, ext_axis: float) -> Pose:
-        """X_WR (4, 4) at an angle of the turn-table, radians."""
+        """Return X_WR (4, 4) at an angle of the turn-table, radians."""
         X_WR = turn("z", self.turntable_yaw + ext_axis)
         X_WR[2, 3] = self.turntable_height
         return X_WR
 
     def poses(self, gaze: Gaze) -> tuple[Pose, Pose]:
-        """Poses (4, 4) of the left and the right camera in the world.
+        """Return the poses (4, 4) of the left and the right camera in the world.
 
         Raises:
             InputError: an angle is beyond its limits.
@@ -177,7 +180,7 @@ class StereoHead:
         return X_WR @ self.left.pose(*gaze.left), X_WR @ self.right.pose(*gaze.right)
 
     def relative(self, gaze: Gaze) -> Pose:
-        """X_LR (4, 4), the right camera in the left camera's frame.
+        """Return X_LR (4, 4), the right camera in the left camera's frame.
 
         Raises:
             InputError: an angle is beyond its limits.
@@ -186,7 +189,7 @@ class StereoHead:
         return np.asarray(inverse(X_WL) @ X_WR)
 
     def gaze_at(self, p_WQ: NDArray[np.float64], ext_axis: float = 0.0) -> Gaze:
-        """Gaze whose optical axes both pass through the point (3,) of the world.
+        """Return the gaze whose optical axes both pass through a point (3,) of the world.
 
         Raises:
             InputError: a unit cannot look there.

@@ -1,7 +1,7 @@
-"""The head's files: a calibration (which head, how well known), and a look (a pair's angles).
+"""Files of the stereo head: its calibration, and the head angles of an image pair.
 
-A calibration holds everything that `StereoHead` needs, with the residuals it was found with. A
-look, `head.yaml`, lies beside a pair of images; it names the calibration and states the angles.
+A calibration holds everything that `StereoHead` needs, with the residuals of its estimation. The
+head angles, `head.yaml`, are stored beside a pair of images and name the calibration.
 """
 
 import dataclasses
@@ -20,13 +20,16 @@ from unwrinkle.models.transforms import PoseRecord
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.stereo.head import Eye, Gaze, PanTiltUnit, StereoHead
 
+#: Name of the shipped calibration.
 NOMINAL_HEAD = "clopema"
+
+#: Default validity of a calibration, days.
 VALID_DAYS = 180
 
 
 @dataclass(frozen=True)
 class UnitRecord:
-    """Kinematics of the pan-tilt units in a calibration; see `PanTiltUnit`. Metres, radians."""
+    """Kinematics of the pan-tilt units in a calibration file; see `PanTiltUnit`."""
 
     pan_origin: list[float] = field(default_factory=list)
     mount_origin: list[float] = field(default_factory=list)
@@ -35,14 +38,14 @@ class UnitRecord:
 
 @dataclass(frozen=True)
 class EyeRecord:
-    """One eye in a calibration.
+    """One eye in a calibration file.
 
     Attributes:
         camera: intrinsics.
-        base: X_RB, the unit's base on the turn-table.
-        mount: X_MC, the camera on the unit's mount.
-        residual: RMS of the reprojection error, pixels; 0 where nothing was measured.
-        views: views of a board that it rests on.
+        base: X_RB, pose of the unit's base in the turn-table's frame.
+        mount: X_MC, pose of the camera in the mount's frame.
+        residual: RMS reprojection error, pixels; 0 if not measured.
+        views: number of board views used.
     """
 
     camera: Camera = field(default_factory=Camera)
@@ -54,21 +57,21 @@ class EyeRecord:
 
 @dataclass(frozen=True)
 class HeadCalibration:
-    """A head's calibration as its file states it.
+    """Calibration of a head, as stored in its file.
 
     Attributes:
         head: name of the head.
         date: of the calibration, YYYY-MM-DD.
-        valid_days: how long it may be used.
-        source: how it was found, in words.
-        turntable_height, turntable_yaw: the turn-table's frame at angle 0, metres and radians.
+        valid_days: validity, days.
+        source: description of the measurements.
+        turntable_height, turntable_yaw: height and yaw of the turn-table's frame at angle 0, metres
+            and radians.
         unit: kinematics of both units.
         left, right: the eyes.
-        row_residual: RMS distance of matching corners from their common row after rectification,
-            pixels.
+        row_residual: RMS row error of matching corners after rectification, pixels.
 
     Raises:
-        InputError: a name, a date, a camera or a pose is missing or absurd.
+        InputError: a name, a date or a number is missing or implausible.
     """
 
     head: str = ""
@@ -83,7 +86,7 @@ class HeadCalibration:
     row_residual: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse a calibration that no head could be built from."""
+        """Check the fields that `stereo_head` needs."""
         if not self.head:
             raise InputError("head calibration: 'head' is missing; it names the head")
         _day(self.date, "head calibration: date")
@@ -103,13 +106,13 @@ class HeadCalibration:
             )
 
     def stereo_head(self, limits: HeadLimits | None = None) -> StereoHead:
-        """Return the head.
+        """Build the head of this calibration.
 
         Args:
-            limits: of the units' axes; None takes those of the package's limits.yaml.
+            limits: of the units' axes; None for those of the package's limits.yaml.
 
         Raises:
-            InputError: a pose is no rigid motion.
+            InputError: a pose is not a rigid transform.
         """
         limits = limits or load_limits(models_dir() / "limits.yaml").head
         x, y, z = self.unit.pan_origin
@@ -134,7 +137,7 @@ class HeadCalibration:
         return StereoHead(self.head, left, right, self.turntable_height, self.turntable_yaw)
 
     def with_head(self, head: StereoHead) -> "HeadCalibration":
-        """Return this calibration with the cameras and poses of a head."""
+        """Return the calibration with the cameras and poses of a head."""
 
         def eye(record: EyeRecord, eye: Eye) -> EyeRecord:
             base, mount = PoseRecord.of(eye.X_RB), PoseRecord.of(eye.X_MC)
@@ -145,7 +148,7 @@ class HeadCalibration:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the YAML file, whole or not at all."""
+        """Write the YAML file atomically."""
         write_text(path, yaml.safe_dump(dataclasses.asdict(self), sort_keys=False))
 
 
@@ -158,18 +161,19 @@ class EyeAngles:
 
 
 @dataclass(frozen=True)
-class Look:
-    """What the head did when a pair of images was taken; the schema of head.yaml.
+class HeadAngles:
+    """Angles of the head when an image pair was taken; the schema of head.yaml.
 
     Attributes:
         head: name of the head.
-        calibration: file, absolute, relative to head.yaml, or `package://unwrinkle_models/...`.
+        calibration: calibration file: absolute, relative to head.yaml, or
+            `package://unwrinkle_models/...`.
         date: of the pair, YYYY-MM-DD.
         ext_axis: angle of the turn-table, radians.
         left, right: angles of the units.
 
     Raises:
-        InputError: something is missing or no number.
+        InputError: a field is missing or an angle is not finite.
     """
 
     head: str = ""
@@ -180,24 +184,26 @@ class Look:
     right: EyeAngles = field(default_factory=EyeAngles)
 
     def __post_init__(self) -> None:
-        """Refuse a look that leaves out what a range map needs."""
+        """Check that names, date and angles are present."""
         for name in ("head", "calibration", "date"):
             if not getattr(self, name):
-                raise InputError(f"look: {name!r} is missing; state head, calibration and date")
-        _day(self.date, "look: date")
+                raise InputError(
+                    f"head angles: {name!r} is missing; state head, calibration and date"
+                )
+        _day(self.date, "head angles: date")
         angles = (self.ext_axis, *dataclasses.astuple(self.left), *dataclasses.astuple(self.right))
         if not all(isfinite(angle) for angle in angles):
-            raise InputError("look: left and right need pan and tilt, finite, in radians")
+            raise InputError("head angles: left and right need pan and tilt, finite, in radians")
 
     @property
     def gaze(self) -> Gaze:
-        """The angles."""
+        """The angles as a `Gaze`."""
         return Gaze(self.left.pan, self.left.tilt, self.right.pan, self.right.tilt, self.ext_axis)
 
     @staticmethod
-    def of(gaze: Gaze, calibration: HeadCalibration, file: str, day: datetime.date) -> "Look":
-        """Return the look of a gaze, with the calibration's file as it shall be named."""
-        return Look(
+    def of(gaze: Gaze, calibration: HeadCalibration, file: str, day: datetime.date) -> "HeadAngles":
+        """Return the record of a gaze; `file` is the calibration's path to store."""
+        return HeadAngles(
             head=calibration.head,
             calibration=file,
             date=day.isoformat(),
@@ -207,15 +213,15 @@ class Look:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the YAML file, whole or not at all."""
+        """Write the YAML file atomically."""
         write_text(path, yaml.safe_dump(dataclasses.asdict(self), sort_keys=False))
 
 
 def load_calibration(path: str | Path) -> HeadCalibration:
-    """Read a head's calibration.
+    """Load a head's calibration.
 
     Raises:
-        InputError: missing, an unknown key, or absurd; the message names the file.
+        InputError: missing file, unknown key or implausible value; the message names the file.
     """
     if not Path(path).is_file():
         raise InputError(f"{path}: no such calibration; make one with `unwrinkle calibrate`")
@@ -223,7 +229,7 @@ def load_calibration(path: str | Path) -> HeadCalibration:
 
 
 def nominal_calibration() -> HeadCalibration:
-    """Return the calibration of the Glasgow cell's head that the package ships."""
+    """Return the shipped calibration of the Glasgow cell's head."""
     return load_calibration(models_dir() / "heads" / f"{NOMINAL_HEAD}.yaml")
 
 
@@ -232,28 +238,28 @@ def nominal_head() -> StereoHead:
     return nominal_calibration().stereo_head()
 
 
-def load_look(path: str | Path) -> tuple[Look, HeadCalibration]:
-    """Read head.yaml and the calibration it names.
+def load_head_angles(path: str | Path) -> tuple[HeadAngles, HeadCalibration]:
+    """Load head.yaml and the calibration that it names.
 
     Raises:
-        InputError: a file is missing or absurd, the calibration is of another head, or it was too
-            old when the pair was taken.
+        InputError: a file is missing or unusable, the calibration is of another head, or it had
+            expired when the pair was taken.
     """
     path = Path(path)
-    look = load_yaml(path, Look)
-    calibration = load_calibration(_beside(path, look.calibration))
-    if calibration.head != look.head:
+    angles = load_yaml(path, HeadAngles)
+    calibration = load_calibration(_beside(path, angles.calibration))
+    if calibration.head != angles.head:
         raise InputError(
-            f"{path}: the pair is of head {look.head!r}, {look.calibration} calibrates "
+            f"{path}: the pair is of head {angles.head!r}, {angles.calibration} calibrates "
             f"{calibration.head!r}; name the right calibration"
         )
-    age = (_day(look.date, "date") - _day(calibration.date, "date")).days
+    age = (_day(angles.date, "date") - _day(calibration.date, "date")).days
     if age > calibration.valid_days:
         raise InputError(
-            f"{path}: {look.calibration} of {calibration.date} was {age} days old when the pair "
+            f"{path}: {angles.calibration} of {calibration.date} was {age} days old when the pair "
             f"was taken, at most {calibration.valid_days}; calibrate again"
         )
-    return look, calibration
+    return angles, calibration
 
 
 def _beside(path: Path, name: str) -> Path:

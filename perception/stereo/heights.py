@@ -1,4 +1,4 @@
-"""From disparities to heights above a plane, averaged on the metric grid of the world."""
+"""Heights above a plane from disparities, averaged on a metric grid."""
 
 import numba
 import numpy as np
@@ -9,7 +9,8 @@ from unwrinkle.perception.height_grid import Grid, filled_averages
 from unwrinkle.perception.stereo.matching import Disparity
 from unwrinkle.perception.stereo.rectification import Rectification
 
-_PARTS = 2  # accumulators; more would cost memory
+#: Accumulators, one per thread; more would cost memory.
+_ACCUMULATORS = 2
 
 
 def heights_on_grid(
@@ -22,20 +23,20 @@ def heights_on_grid(
     offset: float = 0.0,
     band: tuple[float, float] = (-np.inf, np.inf),
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Average the heights of all valid pixels into the grid with bilinear weights.
+    """Average the heights of all valid pixels into a grid with bilinear weights.
 
     Args:
         disparity: of the rectified pair.
-        rectification: its geometry; C is the rectified left camera.
+        rectification: geometry of the pair; C is the rectified left camera.
         X_WC: (4, 4) pose of C in the world.
-        plane_C: unit normal (3,) towards the camera and distance, metres, of the plane that
-            heights count from: n . p + distance.
-        grid: where to.
+        plane_C: unit normal (3,) towards the camera and distance, metres, of the plane in C; the
+            height of p is n . p + distance.
+        grid: output grid.
         offset: added to every disparity, pixels.
-        band: heights outside these are left out, metres.
+        band: least and largest accepted height, metres.
 
     Returns:
-        (ny, nx) heights, 0 where there is nothing, and (ny, nx) bool where there is enough.
+        Heights (ny, nx), metres, 0 in cells without data, and the mask (ny, nx) of cells with data.
     """
     camera = rectification.camera
     normal, distance = plane_C
@@ -53,8 +54,8 @@ def heights_on_grid(
             distance,
         ]
     )
-    weights = np.zeros((_PARTS, grid.ny, grid.nx), np.float32)
-    totals = np.zeros((_PARTS, grid.ny, grid.nx), np.float32)
+    weights = np.zeros((_ACCUMULATORS, grid.ny, grid.nx), np.float32)
+    totals = np.zeros((_ACCUMULATORS, grid.ny, grid.nx), np.float32)
     _splat(
         disparity.disparity,
         disparity.valid,

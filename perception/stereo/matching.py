@@ -1,9 +1,9 @@
-"""Disparity of a rectified pair of images, sub-pixel, from 0.3 to 16 megapixels.
+"""Dense sub-pixel matching of rectified image pairs, from 0.3 to 16 megapixels.
 
-Semi-global matching of small images gives the first guess. It is refined, coarse to fine, on one
-grid of square cells (4 x 4 pixels at 16 megapixels): windowed Lucas-Kanade steps settle it to a
-fraction of a pixel, then a surface that resists bending but tears at edges is fitted to the normal
-equations of all pixels, each weighted by the sensor's noise (`_photometric`, `_bending`).
+Semi-global matching of reduced images gives the initial disparity. It is refined, coarse to fine,
+on a grid of square cells (4 x 4 pixels at 16 megapixels): windowed Lucas-Kanade steps converge to a
+fraction of a pixel, then a thin plate with discontinuities is fitted to the normal equations of all
+pixels, each weighted by the sensor's noise (`_kernels.normal_equations`, `_kernels.plate_fit`).
 """
 
 from dataclasses import dataclass
@@ -16,25 +16,26 @@ from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Image
-from unwrinkle.perception.stereo._kernels.confidence import believable, spread
-from unwrinkle.perception.stereo._kernels.refine import fit_surface, scale_for
-from unwrinkle.perception.stereo._kernels.upsample import spread_cells
+from unwrinkle.perception.stereo._kernels.confidence import confident_cells, disparity_sigma
+from unwrinkle.perception.stereo._kernels.refine import refine_disparity, scale_for
+from unwrinkle.perception.stereo._kernels.upsample import upsample_cells
 
-_SMALLEST = 64  # pixels along a side
+#: Least width and height of an image, pixels.
+_MIN_SIDE_PX = 64
 
 
 @dataclass(frozen=True)
 class ImageNoise:
-    """Variance gain * I + read^2 of a grey level I, in grey levels squared."""
+    """Image noise model: variance gain * I + read^2 of a grey level I, in grey levels squared."""
 
     gain: float = 0.35
     read: float = 1.2
 
     def __post_init__(self) -> None:
-        """Refuse what is no noise.
+        """Check the parameters.
 
         Raises:
-            InputError: negative, not finite, or none at all.
+            InputError: a parameter is negative or not finite, or both are 0.
         """
         if not (isfinite(self.gain) and isfinite(self.read)) or min(self.gain, self.read) < 0.0:
             raise InputError(f"image noise {self}: gain and read must be 0 or more")
@@ -44,14 +45,14 @@ class ImageNoise:
 
 @dataclass(frozen=True, eq=False)
 class Disparity:
-    """What matching says.
+    """Disparity image with its validity and expected error.
 
     Attributes:
         disparity: (h, w) float32, u_left - u_right in pixels; 0 where not valid.
         valid: (h, w) bool.
-        cell_sigma: (rows, columns) float32, expected standard deviation in pixels from the images'
-            noise, for each square cell of `cell` pixels a side; None where the matcher says none.
-        cell: pixels.
+        cell_sigma: (rows, columns) float32, expected standard deviation of the disparity from image
+            noise, pixels, for each cell; None if unknown.
+        cell: side of a cell, pixels.
     """
 
     disparity: NDArray[np.float32]
@@ -61,7 +62,7 @@ class Disparity:
 
     @property
     def sigma(self) -> NDArray[np.float32] | None:
-        """Expected standard deviation (h, w) float32, pixels, or None."""
+        """Expected standard deviation (h, w) float32, pixels, or None if unknown."""
         if self.cell_sigma is None:
             return None
         h, w = self.disparity.shape
@@ -69,7 +70,7 @@ class Disparity:
 
     @property
     def valid_fraction(self) -> float:
-        """Share of valid pixels."""
+        """Fraction of valid pixels."""
         return float(np.count_nonzero(self.valid)) / self.valid.size
 
 
@@ -82,17 +83,18 @@ def match(
     noise: ImageNoise | None = None,
     check: bool = True,
 ) -> Disparity:
-    """Return the disparity of every pixel of the left image.
+    """Match a rectified pair; return the disparity of the left image.
 
     Args:
-        left, right: (h, w) uint8 grey, rectified; 0 where a camera does not see.
+        left, right: (h, w) uint8 grey, rectified; 0 outside a camera's view.
         lowest, highest: range of the search, pixels, negative to positive.
-        noise: of both images; None takes that of the Glasgow head's cameras.
-        check: False calls the whole surface valid, also what misfits the images: for comparing
-            with another method on that method's mask.
+        noise: of both images; None for that of the Glasgow head's cameras.
+        check: False marks all pixels valid, without the confidence test; for comparisons with
+            another method on that method's mask.
 
     Raises:
-        InputError: shapes differ or are too small, not uint8, or an empty range.
+        InputError: the shapes differ or are too small, the type is not uint8, or the range is
+            empty.
     """
     left, right = _checked(left, right, lowest, highest)
     noise = noise or ImageNoise()
@@ -108,9 +110,9 @@ def _checked(left: Any, right: Any, lowest: float, highest: float) -> tuple[Imag
         )
     if left.dtype != np.uint8 or right.dtype != np.uint8:
         raise InputError(f"stereo pair: images are {left.dtype} and {right.dtype}, wanted uint8")
-    if min(left.shape) < _SMALLEST:
+    if min(left.shape) < _MIN_SIDE_PX:
         raise InputError(
-            f"stereo pair: images have shape {left.shape}, at least {_SMALLEST} pixels wanted"
+            f"stereo pair: images have shape {left.shape}, at least {_MIN_SIDE_PX} pixels wanted"
         )
     if not lowest < highest or max(-lowest, highest) > left.shape[1]:
         raise InputError(
@@ -131,12 +133,12 @@ def _run(
             np.asarray(cv2.copyMakeBorder(image, 0, below, 0, aside, cv2.BORDER_REPLICATE))
             for image in (left, right)
         )
-    surface = fit_surface(left, right, lowest, highest, noise.gain, noise.read)
+    surface = refine_disparity(left, right, lowest, highest, noise.gain, noise.read)
     good = np.ones(surface.disparity.shape, dtype=bool)
     if check:
-        good = believable(surface, lowest, highest)
-    disparity, valid = spread_cells(surface.disparity, good, surface.cell, (height, width))
-    sigma = spread(surface)
+        good = confident_cells(surface, lowest, highest)
+    disparity, valid = upsample_cells(surface.disparity, good, surface.cell, (height, width))
+    sigma = disparity_sigma(surface)
     for array in (disparity, valid, sigma):
         array.setflags(write=False)
     return Disparity(disparity, valid, sigma, surface.cell)

@@ -1,4 +1,4 @@
-"""A pair of images as it comes from the head, and what is refused before any work is done."""
+"""Image pairs of the stereo head, checked for exposure, contrast and size."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,22 +10,30 @@ from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
 
-_DARK, _BRIGHT = 4, 251
-_MOST_SPOILT = 0.6  # share of pixels that may be black, or saturated
-_LEAST_CONTRAST = 1.5  # standard deviation of the grey levels
+#: Grey level below which a pixel is black.
+_BLACK_LEVEL = 4
+
+#: Grey level above which a pixel is saturated.
+_SATURATED_LEVEL = 251
+
+#: Largest fraction of black, or of saturated, pixels.
+_MAX_BAD_FRACTION = 0.6
+
+#: Least standard deviation of the grey levels.
+_MIN_CONTRAST = 1.5
 
 
 @dataclass(frozen=True, eq=False)
 class StereoPair:
-    """What the left and the right eye saw at one time.
+    """Simultaneous images of the left and the right camera.
 
     Attributes:
         left, right: (h, w, 3) uint8 RGB.
         name: for messages.
 
     Raises:
-        InputError: of different sizes, no colour images, or an eye is black, saturated or blank,
-            or both are one and the same image.
+        InputError: the images differ in size, are not RGB, are black, saturated or without
+            contrast, or are identical.
     """
 
     left: NDArray[np.uint8]
@@ -33,7 +41,7 @@ class StereoPair:
     name: str = "pair"
 
     def __post_init__(self) -> None:
-        """Check, and make read-only views."""
+        """Check the images and make read-only views."""
         for side in ("left", "right"):
             image = np.asarray(getattr(self, side))
             if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
@@ -58,10 +66,10 @@ class StereoPair:
 
 
 def load_pair(left: str | Path, right: str | Path) -> StereoPair:
-    """Read two image files.
+    """Load a pair from two image files.
 
     Raises:
-        InputError: one is missing or no image, or the pair cannot be used; see `StereoPair`.
+        InputError: a file is missing or not an image, or the pair is unusable; see `StereoPair`.
     """
     left, right = Path(left), Path(right)
     name = f"{left.name} + {right.name}"
@@ -84,10 +92,10 @@ def _thinned(image: NDArray[np.uint8]) -> NDArray[Any]:
 
 def _check_exposure(image: NDArray[Any], label: str) -> None:
     grey = image.mean(axis=2)
-    dark, bright = float(np.mean(grey < _DARK)), float(np.mean(grey > _BRIGHT))
-    if dark > _MOST_SPOILT:
+    dark, bright = float(np.mean(grey < _BLACK_LEVEL)), float(np.mean(grey > _SATURATED_LEVEL))
+    if dark > _MAX_BAD_FRACTION:
         raise InputError(f"{label} is black ({dark:.0%} of it); check its lens cap and exposure")
-    if bright > _MOST_SPOILT:
+    if bright > _MAX_BAD_FRACTION:
         raise InputError(f"{label} is saturated ({bright:.0%} of it); shorten its exposure")
-    if grey.std() < _LEAST_CONTRAST:
+    if grey.std() < _MIN_CONTRAST:
         raise InputError(f"{label} shows no structure (contrast {grey.std():.1f}); check its focus")

@@ -1,4 +1,4 @@
-"""From a pair of images and the head's angles to a range map on the working table."""
+"""Range mapping of image pairs: rectify, match, level on the known table, segment, grid."""
 
 import dataclasses
 import logging
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.errors import InsufficientViewError
 from unwrinkle.models.table import Table
 from unwrinkle.models.transforms import inverse, transformed
 from unwrinkle.perception.camera import Camera
@@ -23,54 +24,83 @@ from unwrinkle.perception.stereo.heights import heights_on_grid
 from unwrinkle.perception.stereo.matching import Disparity, match
 from unwrinkle.perception.stereo.pair import StereoPair
 from unwrinkle.perception.stereo.rectification import Rectification, rectify
-from unwrinkle.perception.stereo.speckle import without_islands
+from unwrinkle.perception.stereo.speckle import remove_speckle
 from unwrinkle.perception.stereo.table_view import TableView
 
-_TALLEST = 0.25  # nothing on the table that matters is higher, metres
-_DEEPEST = 0.03  # the table may be lower than expected by this
-_MARGIN = 0.03  # seen around the table, metres
-_RIM = 0.004
-_AROUND = 0.05  # metres of the map around the garment
-_COARSE = 8  # the table is sought in depth reduced by this, down to the width below
-_COARSE_WIDTH = 400
-_NEAR = 1.6  # metres; a table nearer than this is seen with less noise
-_HALF_SEEN = 0.5
-_UNDER = 0.001  # metres under a plane where the table is, if the plane was a garment's
-_LEAST_TABLE = 0.06  # share of the view that the table then has
-_MOST_HOLES = 0.4
-_MOST_LEAN = 2.0
-#: Most that the measured table may lie off the known one: what three steps of both units explain.
+#: Largest height above the table that is matched, metres.
+_MAX_HEIGHT_M = 0.25
+
+#: Largest depth below the table that is matched, metres.
+_MAX_DEPTH_M = 0.03
+
+#: Margin around the table in the matched region, metres.
+_TABLE_MARGIN_M = 0.03
+
+#: Rim of the table left out of the grid, metres: it may show the background.
+_TABLE_RIM_M = 0.004
+
+#: Margin of the range map around the garment, metres.
+_MAP_MARGIN_M = 0.05
+
+#: Reduction of the depth image in which the table is fitted.
+_FIT_REDUCTION = 8
+
+#: Least width of that image, pixels.
+_FIT_WIDTH_PX = 400
+
+#: Distance below which the table is seen with the noise of profile "stereo", metres.
+_NEAR_DISTANCE_M = 1.6
+
+#: Least fraction of measured pixels in a reduced pixel.
+_MIN_MEASURED_FRACTION = 0.5
+
+#: Depth below a fitted plane, metres, of readings that show that the plane is a garment's.
+_BELOW_PLANE_M = 0.001
+
+#: Fraction of such readings above which the table is fitted to them instead.
+_MIN_BELOW_FRACTION = 0.06
+
+#: Largest fraction of the table, or of the garment, without a match.
+_MAX_HOLE_FRACTION = 0.4
+
+#: Largest plausible tilt of the table, degrees.
+_MAX_TILT_DEG = 2.0
+
+#: Limit of the distance between the measured and the known table, metres: the effect of three
+#: steps of both units.
 LARGEST_TABLE_ERROR = 0.025
+
+#: Tolerance of the image's scale between height and width.
 _SHAPE_TOLERANCE = 0.002
 
 _log = logging.getLogger(__name__)
 
 
 def garment_space(table: Table) -> NDArray[np.float64]:
-    """Corners (8, 3) of the space over the table where a garment can be, world, metres."""
-    half = 0.5 * np.array(table.size) + _MARGIN
-    low = [*(table.centre - half), table.height - _DEEPEST]
-    high = [*(table.centre + half), table.height + _TALLEST]
+    """Return the corners (8, 3) of the matched space around the table's top, world, metres."""
+    half = 0.5 * np.array(table.size) + _TABLE_MARGIN_M
+    low = [*(table.centre - half), table.height - _MAX_DEPTH_M]
+    high = [*(table.centre + half), table.height + _MAX_HEIGHT_M]
     corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
     return np.asarray(corners, dtype=float)
 
 
 def table_grid(table: Table, resolution: float) -> Grid:
-    """The grid over the table's top, less a rim that may show what is behind it."""
-    x, y = np.array(table.centre) - 0.5 * np.array(table.size) + _RIM
-    nx, ny = (int((length - 2.0 * _RIM) / resolution) + 1 for length in table.size)
+    """Return the grid over the table's top, without its rim."""
+    x, y = np.array(table.centre) - 0.5 * np.array(table.size) + _TABLE_RIM_M
+    nx, ny = (int((length - 2.0 * _TABLE_RIM_M) / resolution) + 1 for length in table.size)
     return Grid(float(x), float(y), nx, ny, resolution)
 
 
 @dataclass(frozen=True, eq=False)
-class StereoLook:
-    """A matched pair: everything up to the metric range map, before the garment is sought.
+class StereoMatch:
+    """Matched image pair: rectification, camera pose and disparity.
 
     Attributes:
         rectification: geometry of the rectified pair; C is its left camera.
         X_WC: (4, 4) pose of C in the world.
         disparity: of the rectified left image.
-        check: what the epipolar check found.
+        check: result of the epipolar check.
     """
 
     rectification: Rectification
@@ -79,26 +109,26 @@ class StereoLook:
     check: EpipolarCheck
 
 
-def look(
+def match_pair(
     pair: StereoPair,
     head: StereoHead,
     gaze: Gaze,
     *,
     table: Table,
     whole: bool = False,
-) -> StereoLook:
+) -> StereoMatch:
     """Rectify and match a pair.
 
     Args:
-        pair: the images; of the calibrated size or reduced alike in both directions.
+        pair: images of the calibrated size, or reduced equally in both directions.
         head: calibrated head.
-        gaze: its angles when the pair was taken.
-        table: gives the region and the range of disparities.
-        whole: match all that both eyes see, not only what can show the table.
+        gaze: head angles when the pair was taken.
+        table: defines the region and the disparity range.
+        whole: match the whole common view instead of the region around the table.
 
     Raises:
-        InputError: sizes that do not fit, angles beyond the limits, a table out of view, images
-            swapped or out of step with the angles.
+        InputError: wrong image sizes, angles beyond the limits, or a table out of view.
+        EpipolarError: the images are swapped or do not agree with the angles.
     """
     X_WL, X_WR = head.poses(gaze)
     left_camera, right_camera = _camera(head.left, pair), _camera(head.right, pair)
@@ -110,8 +140,8 @@ def look(
     rectification, check = corrected_rectification(left, right, rectification, pair.name)
     left, right = rectification.apply(left, right)
     lowest, highest = rectification.disparity_range(box_L)
-    disparity = without_islands(match(left, right, lowest, highest))
-    return StereoLook(rectification, X_WL @ rectification.X_LC, disparity, check)
+    disparity = remove_speckle(match(left, right, lowest, highest))
+    return StereoMatch(rectification, X_WL @ rectification.X_LC, disparity, check)
 
 
 def range_map_from_pair(
@@ -123,22 +153,24 @@ def range_map_from_pair(
     profile: NoiseProfile | None = None,
     seed: int = 0,
 ) -> RangeMap:
-    """Match a pair, find the garment on the table and lay its heights on the metric grid.
+    """Compute the range map of an image pair: match, segment the garment, grid the heights.
 
-    The table's height is known better than the angle between the eyes: what the measured plane is
-    off by is taken out as a constant of the disparity, where the units' steps can explain it.
+    The table's height is known better than the angle between the eyes. The height error of the
+    measured plane is therefore corrected by a constant disparity offset, if the resolution of the
+    units explains it.
 
     Args:
-        pair, head, gaze: see `look`.
+        pair, head, gaze: see `match_pair`.
         table: the working table.
-        profile: noise of the sensor; None for that of the distance.
+        profile: noise of the sensor; None chooses it by the distance.
         seed: of the plane's consensus and GrabCut.
 
     Raises:
-        InputError: as `look`; too little of the table was matched, it leans or lies too far from
-            where the cell has it, or there is no garment.
+        InputError: as `match_pair`; or the measured table is tilted or too far from the known one.
+        InsufficientViewError: too little of the table or of the garment was matched.
+        NoGarmentError: there is no garment on the table.
     """
-    found = look(pair, head, gaze, table=table)
+    found = match_pair(pair, head, gaze, table=table)
     profile = profile or _profile(found, table)
     offset = _known_height(found, table, profile, pair.name, seed)
     grid = table_grid(table, _resolution(found, table, profile, pair.name))
@@ -166,18 +198,19 @@ def range_map_from_pair(
 
 
 def table_heights(
-    found: StereoLook, table: Table, grid: Grid, *, offset: float = 0.0
+    found: StereoMatch, table: Table, grid: Grid, *, offset: float = 0.0
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Lay a matched pair on a grid over the table.
+    """Compute the heights of a matched pair on a grid over the table.
 
     Args:
-        found: the pair.
-        table: that heights count from.
-        grid: where to.
+        found: the matched pair.
+        table: reference of the heights.
+        grid: output grid.
         offset: added to disparities, pixels.
 
     Returns:
-        (ny, nx) metres above the table, 0 where there is nothing, and (ny, nx) bool where there is.
+        Heights (ny, nx) above the table, metres, 0 in cells without data, and the mask (ny, nx) of
+        cells with data.
     """
     return heights_on_grid(
         found.disparity,
@@ -186,18 +219,18 @@ def table_heights(
         (found.X_WC[2, :3], float(found.X_WC[2, 3]) - table.height),
         grid,
         offset=offset,
-        band=(-_DEEPEST, _TALLEST),
+        band=(-_MAX_DEPTH_M, _MAX_HEIGHT_M),
     )
 
 
-def _profile(found: StereoLook, table: Table) -> NoiseProfile:
-    """The noise that this distance has."""
+def _profile(found: StereoMatch, table: Table) -> NoiseProfile:
+    """Return the noise profile for the distance of the table."""
     away = float(np.linalg.norm(np.array([*table.centre, table.height]) - found.X_WC[:3, 3]))
-    return noise_profile("stereo" if away < _NEAR else "stereo-head")
+    return noise_profile("stereo" if away < _NEAR_DISTANCE_M else "stereo-head")
 
 
-def _resolution(found: StereoLook, table: Table, profile: NoiseProfile, name: str) -> float:
-    """Cell size, metres: the profile's, or coarser where pixels lie further apart on the table."""
+def _resolution(found: StereoMatch, table: Table, profile: NoiseProfile, name: str) -> float:
+    """Return the cell size, metres: the profile's, or the pixel spacing on the table if larger."""
     towards = np.array([*table.centre, table.height]) - found.X_WC[:3, 3]
     distance = float(np.linalg.norm(towards))
     spacing = distance**2 / (found.rectification.camera.fx * -float(towards[2]))
@@ -216,16 +249,16 @@ def _resolution(found: StereoLook, table: Table, profile: NoiseProfile, name: st
 
 def _check_holes(garment: NDArray[np.bool_], valid: NDArray[np.bool_], name: str) -> None:
     holes = 1.0 - np.count_nonzero(garment & valid) / np.count_nonzero(garment)
-    if holes > _MOST_HOLES:
-        raise InputError(
+    if holes > _MAX_HOLE_FRACTION:
+        raise InsufficientViewError(
             f"{name}: insufficient view, {holes:.0%} of the garment could not be matched, at "
-            f"most {_MOST_HOLES:.0%} may lack; look again with more light or better focus"
+            f"most {_MAX_HOLE_FRACTION:.0%} may lack; look again with more light or better focus"
         )
 
 
 def _window(occupied: NDArray[np.bool_], resolution: float) -> slice:
     where = np.flatnonzero(occupied)
-    margin = round(_AROUND / resolution)
+    margin = round(_MAP_MARGIN_M / resolution)
     return slice(max(0, int(where[0]) - margin), int(where[-1]) + margin + 1)
 
 
@@ -245,7 +278,7 @@ def _camera(eye: Eye, pair: StereoPair) -> Camera:
 
 
 def _check_view(camera: Camera, box_L: NDArray[np.float64], pair: StereoPair) -> None:
-    """Refuse a gaze that does not have the middle of the table in view."""
+    """Check that the middle of the table is in view."""
     x, y, z = box_L.mean(axis=0)
     u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
     if z <= 0.0 or not (0.0 <= u < camera.width and 0.0 <= v < camera.height):
@@ -255,14 +288,14 @@ def _check_view(camera: Camera, box_L: NDArray[np.float64], pair: StereoPair) ->
         )
 
 
-def _reduced(found: StereoLook, table: Table, name: str) -> tuple[NDArray[np.float32], Camera]:
-    """Depth of what is on the table, on a smaller image of the rectified left camera.
+def _reduced(found: StereoMatch, table: Table, name: str) -> tuple[NDArray[np.float32], Camera]:
+    """Return the depth image of the table, reduced, and its camera.
 
     Raises:
-        InputError: too little of the table could be matched.
+        InsufficientViewError: too little of the table could be matched.
     """
     camera = found.rectification.camera
-    factor = min(1.0, max(1.0 / _COARSE, _COARSE_WIDTH / camera.width))
+    factor = min(1.0, max(1.0 / _FIT_REDUCTION, _FIT_WIDTH_PX / camera.width))
     size = (round(camera.width * factor), round(camera.height * factor))
     valid = found.disparity.valid.astype(np.float32)
     weight = cv2.resize(valid, size, interpolation=cv2.INTER_AREA)
@@ -273,12 +306,12 @@ def _reduced(found: StereoLook, table: Table, name: str) -> tuple[NDArray[np.flo
     on_table = p_WC + rays * ((table.height - p_WC[2]) / rays[..., 2:])
     near = np.abs(on_table[..., :2] - table.centre) < 0.5 * np.array(table.size)
     expected = near.all(axis=-1)
-    seen = expected & (weight > _HALF_SEEN)
+    seen = expected & (weight > _MIN_MEASURED_FRACTION)
     holes = 1.0 - float(np.count_nonzero(seen)) / max(1.0, float(np.count_nonzero(expected)))
-    if holes > _MOST_HOLES:
-        raise InputError(
+    if holes > _MAX_HOLE_FRACTION:
+        raise InsufficientViewError(
             f"{name}: insufficient view, {holes:.0%} of the table could not be matched, at "
-            f"most {_MOST_HOLES:.0%} may lack; look again with more light or better focus"
+            f"most {_MAX_HOLE_FRACTION:.0%} may lack; look again with more light or better focus"
         )
     mean = np.divide(total, weight, out=np.zeros_like(total), where=seen)
     depth = np.where(seen, found.rectification.depth(mean), np.float32(0.0))
@@ -286,36 +319,33 @@ def _reduced(found: StereoLook, table: Table, name: str) -> tuple[NDArray[np.flo
 
 
 def _lowest_plane(
-    depths: NDArray[np.float32], camera: Camera, profile: NoiseProfile, seed: int
+    depths: NDArray[np.float32], camera: Camera, profile: NoiseProfile, seed: int, name: str
 ) -> TableFit:
-    """Fit the table, also where more of the view is a garment lying flat on it."""
-    fit = fit_table(depths, camera, profile, seed=seed)
-    below = (depths > 0.0) & (fit.height < -_UNDER)
-    if np.count_nonzero(below) > _LEAST_TABLE * np.count_nonzero(depths):
-        fit = fit_table(depths, camera, profile, exclude=~below, seed=seed)
+    """Fit the table, even if a flat garment fills more of the view than the table."""
+    fit = fit_table(depths, camera, profile, seed=seed, name=name)
+    below = (depths > 0.0) & (fit.height < -_BELOW_PLANE_M)
+    if np.count_nonzero(below) > _MIN_BELOW_FRACTION * np.count_nonzero(depths):
+        fit = fit_table(depths, camera, profile, exclude=~below, seed=seed, name=name)
     return fit
 
 
 def _known_height(
-    found: StereoLook, table: Table, profile: NoiseProfile, name: str, seed: int
+    found: StereoMatch, table: Table, profile: NoiseProfile, name: str, seed: int
 ) -> float:
-    """Return what must be added to disparities, pixels, to see the table at its known height.
+    """Return the disparity offset, pixels, that puts the table at its known height.
 
     Raises:
-        InputError: the table leans, or lies off by more than the units' resolution explains.
+        InputError: the table is tilted, or off by more than the units' resolution explains.
     """
     depths, camera = _reduced(found, table, name)
-    try:
-        fit = _lowest_plane(depths, camera, profile, seed)
-    except InputError as error:
-        raise InputError(str(error).replace("capture:", f"{name}:", 1)) from None
+    fit = _lowest_plane(depths, camera, profile, seed, name)
     R_WC, p_WC = found.X_WC[:3, :3], found.X_WC[:3, 3]
     normal_W = R_WC @ fit.normal_C
     lean = float(np.degrees(np.arccos(np.clip(normal_W[2], -1.0, 1.0))))
-    if lean > _MOST_LEAN:
+    if lean > _MAX_TILT_DEG:
         raise InputError(
             f"{name}: by the head's angles the table leans by {lean:.1f} degrees, at most "
-            f"{_MOST_LEAN:.0f} are plausible; check the angles and the calibration"
+            f"{_MAX_TILT_DEG:.0f} are plausible; check the angles and the calibration"
         )
     towards = np.array([*table.centre, table.height]) - p_WC
     ray = (R_WC.T @ towards) / (R_WC[:, 2] @ towards)  # (x, y, 1) in C

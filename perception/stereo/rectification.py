@@ -1,8 +1,8 @@
-"""Rectification of a pair of toed-in cameras: rows become epipolar lines, over the region wanted.
+"""Rectification of a pair of toed-in cameras, restricted to a region of interest.
 
-Frames: L and R the cameras, C the rectified left camera (x along the baseline, z square to it and
-midway between both optical axes). Both rectified images share rows and focal length but not the
-column of the optical axis, so that disparities are small, negative and positive:
+Frames: L and R the cameras, C the rectified left camera (x along the baseline, z perpendicular to
+it and midway between both optical axes). Both rectified images share rows and focal length but not
+the column of the optical axis, which keeps disparities small, of both signs:
 u_left - u_right = f B / Z + (cx_left - cx_right).
 """
 
@@ -20,22 +20,38 @@ from unwrinkle.models.transforms import check_pose, inverse, pose, transformed
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.stereo._kernels.resample import Lattice, lattice, warp
 
-_LEAST_BASELINE = 1e-4
-_MOST_TURN = 0.5  # cosine of the angle between an optical axis and the rectified one, at least
-_NEAREST = 0.05
-_LEAST_VIEW = 0.04  # radians
-_SPARE = 1.0  # pixels added to a range of disparities at either end
-_OUTLINE = 40  # points along each side of an image
-_LARGEST = 40_000_000
-_CELLS = 8
+#: Least baseline, metres.
+_MIN_BASELINE_M = 1e-4
+
+#: Least cosine of the angle between an optical axis and the rectified one.
+_MIN_AXIS_COSINE = 0.5
+
+#: Least depth of the region of interest, metres.
+_MIN_DEPTH_M = 0.05
+
+#: Least field of view of the rectified images, radians.
+_MIN_VIEW_RAD = 0.04
+
+#: Pixels added to a range of disparities at either end.
+_DISPARITY_MARGIN_PX = 1.0
+
+#: Points along each side of an image's outline.
+_OUTLINE_POINTS = 40
+
+#: Limit of a rectified image's size, pixels.
+_MAX_PIXELS = 40_000_000
+
+#: Width and height of the rectified images are multiples of this, pixels: whole cells at every
+#: scale of the matcher.
+_SIZE_MULTIPLE = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Rectification:
-    """Two virtual pinhole cameras that look the same way, and how to get their images.
+    """Rectified geometry of an image pair: two parallel pinhole cameras.
 
     Attributes:
-        camera: the rectified left camera; its size is that of both rectified images.
+        camera: the rectified left camera; both rectified images have its size.
         cx_right: column of the right rectified camera's optical axis, pixels.
         baseline: distance of the optical centres, metres.
         R_CL, R_CR: (3, 3) rotations of the source cameras in the rectified frame C.
@@ -81,13 +97,13 @@ class Rectification:
     def apply(
         self, left: NDArray[np.uint8], right: NDArray[np.uint8]
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-        """Return the rectified grey pair, (h, w) uint8 each; 0 where a camera does not see.
+        """Rectify a pair; return grey images (h, w) uint8, 0 outside a camera's view.
 
         Args:
             left, right: (h, w) grey or (h, w, 3) RGB uint8 images of the source cameras.
 
         Raises:
-            InputError: an image has another size than its camera, or is not uint8.
+            InputError: the size of an image differs from its camera's, or it is not uint8.
         """
         sources = (
             _grey(left, self.left, "left image"),
@@ -98,10 +114,11 @@ class Rectification:
         return warp(sources[0], maps[0], shape), warp(sources[1], maps[1], shape)
 
     def apply_colour(self, left: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return the rectified left colour image, (h, w, 3) uint8, bilinear.
+        """Rectify the left colour image bilinearly; return (h, w, 3) uint8.
 
         Raises:
-            InputError: the image has another size than the left camera, or is no RGB uint8.
+            InputError: the size of the image differs from the left camera's, or it is not RGB
+                uint8.
         """
         left = np.asarray(left)
         if left.ndim != 3 or left.shape[2] != 3:
@@ -114,20 +131,20 @@ class Rectification:
         )
 
     def depth(self, disparity: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
-        """Depth along z of C, metres, of disparities in pixels; same shape and dtype.
+        """Return the depth along z of C, metres, of disparities in pixels; same shape and dtype.
 
-        Disparities at or beyond infinity give 0.
+        Disparities at or beyond that of infinity give 0.
         """
         over = np.asarray(disparity) - np.asarray(disparity).dtype.type(self.shift)
         scale = over.dtype.type(self.camera.fx * self.baseline)
         return np.divide(scale, over, out=np.zeros_like(over), where=over > 0.0)
 
     def disparity(self, depth: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
-        """Disparity in pixels of depths (metres, positive) along z of C."""
+        """Return the disparity, pixels, of positive depths along z of C, metres."""
         return np.asarray(self.camera.fx * self.baseline / np.asarray(depth) + self.shift)
 
     def points(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Points p_CQ (h, w, 3), metres, of a disparity image; 0 where it is beyond infinity."""
+        """Return the points p_CQ (h, w, 3), metres, of a disparity image; 0 beyond infinity."""
         camera = self.camera
         z = self.depth(np.asarray(disparity, dtype=np.float32))
         x = (np.arange(camera.width, dtype=np.float32) - np.float32(camera.cx)) / camera.fx
@@ -147,17 +164,19 @@ class Rectification:
         """Lowest and highest disparity, pixels, of points (n, 3) in the left camera's frame L.
 
         Raises:
-            InputError: a point is behind the cameras.
+            InputError: a point is behind the cameras or too close.
         """
         points = _region(points_L)
         depth = transformed(self.X_CL, points)[:, 2]
-        if depth.min() < _NEAREST:
+        if depth.min() < _MIN_DEPTH_M:
             raise InputError(
                 f"stereo pair: a point of the wanted region is at {depth.min():.3f} m before the "
-                f"cameras, at least {_NEAREST} m wanted; do the cameras look at it?"
+                f"cameras, at least {_MIN_DEPTH_M} m wanted; do the cameras look at it?"
             )
         values = self.disparity(depth)
-        return int(np.floor(values.min() - _SPARE)), int(np.ceil(values.max() + _SPARE))
+        return int(np.floor(values.min() - _DISPARITY_MARGIN_PX)), int(
+            np.ceil(values.max() + _DISPARITY_MARGIN_PX)
+        )
 
 
 def rectify(
@@ -168,21 +187,21 @@ def rectify(
     region: NDArray[np.floating[Any]] | None = None,
     margin: int = 16,
 ) -> Rectification:
-    """Return the rectification of a pair.
+    """Compute the rectification of a pair.
 
-    The focal length is the mean of the sources', so a pixel stays a pixel. The rectified axes
+    The focal length is the mean of the sources', which keeps the resolution. The rectified axes
     follow Fusiello, Trucco, Verri 2000 with both optical axes weighted alike.
 
     Args:
         left, right: the cameras.
         X_LR: (4, 4) pose of the right camera in the left camera's frame.
-        region: (n, 3) points in frame L, metres; both images are cut to what holds them all. None
-            keeps every pixel of both cameras in rows that both see.
+        region: (n, 3) points in frame L, metres; both images are cropped to contain them all. None
+            keeps every pixel of both cameras in the rows that both see.
         margin: pixels added around the region.
 
     Raises:
-        InputError: no rigid motion, cameras in one place, swapped or looking apart, or a region
-            that is behind the cameras or out of sight.
+        InputError: X_LR is not a rigid transform, the cameras coincide, are swapped or diverge, or
+            the region is behind the cameras or out of view.
     """
     X_LR = np.asarray(X_LR, dtype=float)
     check_pose(X_LR, "stereo pair: X_LR, the right camera in the left one's frame")
@@ -196,10 +215,10 @@ def rectify(
     high = [points.max(axis=0) for points in outline]
     if region is not None:
         p_CQ = _region(region) @ R_CL.T
-        if p_CQ[:, 2].min() < _NEAREST:
+        if p_CQ[:, 2].min() < _MIN_DEPTH_M:
             raise InputError(
                 "stereo pair: the wanted region is behind the cameras or closer than "
-                f"{_NEAREST} m; check the gaze"
+                f"{_MIN_DEPTH_M} m; check the gaze"
             )
         for eye, offset in ((0, 0.0), (1, baseline)):
             scaled = focal * (p_CQ[:, :2] - [offset, 0.0]) / p_CQ[:, 2:]
@@ -213,18 +232,18 @@ def rectify(
             "pan-tilt units, and whether left and right are swapped"
         )
     middle = [0.5 * (low[eye][0] + high[eye][0]) for eye in (0, 1)]
-    # Grown where a small window far from the optical axis would be no view that `Camera` takes.
-    least = _LEAST_VIEW * focal
+    # Enlarge windows whose principal point or field of view `Camera` would refuse.
+    least = _MIN_VIEW_RAD * focal
     width = int(np.ceil(max(*widths, *np.abs(middle) + 2.0, least)))
     height = int(np.ceil(max(bottom - top, 0.5 * abs(top + bottom) + 2.0, least)))
-    # Whole cells of every scale the matcher uses, so that it need not copy.
-    width, height = width + -width % _CELLS, height + -height % _CELLS
-    if width * height > _LARGEST:
+    # Whole cells at every scale of the matcher, which then need not pad the images.
+    width, height = width + -width % _SIZE_MULTIPLE, height + -height % _SIZE_MULTIPLE
+    if width * height > _MAX_PIXELS:
         raise InputError(
             f"stereo pair: the rectified images would have {width} x {height} pixels; "
             "the cameras look too far apart, check the gaze"
         )
-    # The window of the narrower image is centred; a whole shift keeps its pixels apart alike.
+    # Centre both windows; whole-pixel shifts keep the sampling of both images alike.
     cx, cx_right = (float(np.floor(0.5 * (width - 1) - middle[eye])) for eye in (0, 1))
     cy = float(np.floor(0.5 * (height - 1) - 0.5 * (top + bottom)))
     camera = _pinhole(width, height, focal, cx, cy)
@@ -243,9 +262,9 @@ def _pinhole(width: int, height: int, focal: float, cx: float, cy: float) -> Cam
 def _rotations(X_LR: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     R_LR, p_LR = X_LR[:3, :3], X_LR[:3, 3]
     baseline = float(np.linalg.norm(p_LR))
-    if baseline < _LEAST_BASELINE:
+    if baseline < _MIN_BASELINE_M:
         raise InputError(
-            f"stereo pair: the cameras are {baseline:.2g} m apart, at least {_LEAST_BASELINE} m "
+            f"stereo pair: the cameras are {baseline:.2g} m apart, at least {_MIN_BASELINE_M} m "
             "wanted; is it twice the same camera?"
         )
     x = p_LR / baseline
@@ -255,7 +274,7 @@ def _rotations(X_LR: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64], fl
     if length > 1e-6:
         z = z / length
     least = min(z[2], float(z @ R_LR[:, 2]))
-    if length <= 1e-6 or least < _MOST_TURN:
+    if length <= 1e-6 or least < _MIN_AXIS_COSINE:
         raise InputError(
             "stereo pair: the cameras look apart, or along the line that joins them; check the "
             "angles of the pan-tilt units"
@@ -272,22 +291,27 @@ def _rotations(X_LR: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64], fl
 def _outline(
     camera: Camera, R_CE: NDArray[np.float64], focal: float, name: str
 ) -> NDArray[np.float64]:
-    """Where the border of an image lies in its rectified view, pixels from the optical axis."""
-    u = np.linspace(0.0, camera.width - 1.0, _OUTLINE)
-    v = np.linspace(0.0, camera.height - 1.0, _OUTLINE)
-    across = [np.column_stack([u, np.full(_OUTLINE, at)]) for at in (v[0], v[-1])]
-    down = [np.column_stack([np.full(_OUTLINE, at), v]) for at in (u[0], u[-1])]
+    """Return the outline of an image in its rectified view, pixels from the optical axis."""
+    u = np.linspace(0.0, camera.width - 1.0, _OUTLINE_POINTS)
+    v = np.linspace(0.0, camera.height - 1.0, _OUTLINE_POINTS)
+    across = [np.column_stack([u, np.full(_OUTLINE_POINTS, at)]) for at in (v[0], v[-1])]
+    down = [np.column_stack([np.full(_OUTLINE_POINTS, at), v]) for at in (u[0], u[-1])]
     pixels = np.concatenate(across + down)
-    rays = np.ones((len(pixels), 3))
-    distortion = np.array(camera.distortion or [0.0] * 5)
-    rays[:, :2] = cv2.undistortPoints(pixels[:, None], camera.matrix, distortion)[:, 0]
-    p_CQ = rays @ R_CE.T
+    p_CQ = camera_rays(pixels, camera) @ R_CE.T
     if p_CQ[:, 2].min() < 0.05 * np.linalg.norm(p_CQ, axis=1).max():
         raise InputError(
             f"stereo pair: the {name} camera sees almost across the rectified view; check the "
             "angles of the pan-tilt units"
         )
     return np.asarray(focal * p_CQ[:, :2] / p_CQ[:, 2:])
+
+
+def camera_rays(pixels: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
+    """Return the undistorted rays (n, 3), z = 1, through pixels (n, 2), in the camera's frame."""
+    distortion = np.array(camera.distortion or [0.0] * 5)
+    rays = np.ones((len(pixels), 3))
+    rays[:, :2] = np.asarray(cv2.undistortPoints(pixels[:, None], camera.matrix, distortion))[:, 0]
+    return rays
 
 
 def _region(points: NDArray[np.floating[Any]]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""The table seen from straight above: the garment's mask, colour and the level of the table on one grid."""
+"""Orthographic view of the table: heights, colour, garment mask and levelling on one grid."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,32 +7,43 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.errors import InsufficientViewError
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.segmentation import segment
 from unwrinkle.perception.height_grid import Grid
 from unwrinkle.perception.sensor import NoiseProfile
 
-_COARSE = 0.002  # metres; the garment is sought on cells of about this size
-_HALF_SEEN = 0.5
-_AWAY = 0.012  # metres from the garment that the table's level is taken at
-_CLIP = 3.0
-_SAMPLES = 60_000
-_LEAST_TABLE = 0.03  # share of the cells
+#: Approximate cell size for the segmentation of the garment, metres.
+_COARSE_CELL_M = 0.002
+
+#: Least fraction of measured cells in a coarse cell.
+_MIN_MEASURED_FRACTION = 0.5
+
+#: Distance from the garment of the cells that the table's plane is fitted to, metres.
+_GARMENT_CLEARANCE_M = 0.012
+
+#: Outlier limit of that fit, multiples of the robust spread.
+_OUTLIER_CLIP = 3.0
+
+#: Limit of the cells in that fit.
+_MAX_FIT_CELLS = 60_000
+
+#: Least fraction of bare table cells.
+_MIN_TABLE_FRACTION = 0.03
 
 
 @dataclass(frozen=True, eq=False)
 class TableView:
-    """Heights over a table's grid, and the camera whose picture goes with them.
+    """Heights on a grid over the table, with the camera that they were measured from.
 
     Attributes:
         grid: over the table, aligned with the world.
-        height: (ny, nx) metres above the table as the camera's pose has it.
-        valid: (ny, nx) bool, where there is a height.
-        table_height: world z of the table.
-        camera: without distortion.
-        X_WC: (4, 4) its pose.
+        height: (ny, nx) heights above the table by the camera's pose, metres.
+        valid: (ny, nx) bool, cells with a height.
+        table_height: world z of the table, metres.
+        camera: pinhole camera without distortion.
+        X_WC: (4, 4) pose of the camera in the world.
         name: for messages.
     """
 
@@ -45,53 +56,50 @@ class TableView:
     name: str
 
     def colour(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The camera's picture (h, w, 3) laid over the cells, (ny, nx, 3)."""
+        """Project the camera's image (h, w, 3) onto the cells; return (ny, nx, 3)."""
         columns, rows = self._pixels
         return np.asarray(cv2.remap(picture, columns, rows, cv2.INTER_LINEAR), dtype=np.uint8)
 
     def garment(
         self, colour: NDArray[np.uint8], profile: NoiseProfile, seed: int
     ) -> NDArray[np.bool_]:
-        """Find the garment, (ny, nx) bool.
+        """Segment the garment; return its mask (ny, nx).
 
         Args:
-            colour: (ny, nx, 3) of the cells.
+            colour: (ny, nx, 3) colour of the cells.
             profile: noise of the heights.
             seed: of GrabCut.
 
         Raises:
-            InputError: there is none.
+            NoGarmentError: there is no garment on the table.
         """
         size = self._coarse_size
         weight = cv2.resize(self.valid.astype(np.float32), size, interpolation=cv2.INTER_AREA)
         total = cv2.resize(self.height, size, interpolation=cv2.INTER_AREA)
-        seen = weight > _HALF_SEEN
+        seen = weight > _MIN_MEASURED_FRACTION
         height = np.divide(total, weight, out=np.zeros_like(total), where=seen)
         small = np.asarray(cv2.resize(colour, size, interpolation=cv2.INTER_AREA), np.uint8)
-        try:
-            found = segment(height, seen, profile, colour=small, seed=seed)
-        except InputError as error:
-            raise InputError(str(error).replace("capture:", f"{self.name}:", 1)) from None
+        found = segment(height, seen, profile, colour=small, seed=seed, name=self.name)
         full = (self.grid.nx, self.grid.ny)
         mask = cv2.resize(found.garment.astype(np.float32), full, interpolation=cv2.INTER_LINEAR)
         return np.asarray(mask) > 0.5
 
     def levelled(self, garment: NDArray[np.bool_]) -> tuple[NDArray[np.float64], float]:
-        """Heights (ny, nx) above the plane fitted to the bare table, and that plane's RMS, metres.
+        """Return the heights (ny, nx) above a plane fitted to the bare table, and its RMS, metres.
 
         Raises:
-            InputError: too little of the table is bare to know its level.
+            InsufficientViewError: too little bare table is measured.
         """
-        radius = round(_AWAY / self.grid.resolution)
+        radius = round(_GARMENT_CLEARANCE_M / self.grid.resolution)
         square = np.ones((2 * radius + 1,) * 2, np.uint8)
         away = np.asarray(cv2.dilate(garment.astype(np.uint8), square)) == 0
         rows, columns = np.nonzero(self.valid & away)
-        if rows.size < _LEAST_TABLE * garment.size:
-            raise InputError(
+        if rows.size < _MIN_TABLE_FRACTION * garment.size:
+            raise InsufficientViewError(
                 f"{self.name}: only {rows.size / garment.size:.1%} of the table is bare and seen, "
-                f"at least {_LEAST_TABLE:.0%} are needed to know its level; move the garment"
+                f"at least {_MIN_TABLE_FRACTION:.0%} are needed to know its level; move the garment"
             )
-        step = max(1, rows.size // _SAMPLES)
+        step = max(1, rows.size // _MAX_FIT_CELLS)
         rows, columns = rows[::step], columns[::step]
         terms = np.column_stack([columns, rows, np.ones(rows.size)]).astype(float)
         z = self.height[rows, columns]
@@ -101,19 +109,19 @@ class TableView:
             error = z - terms @ plane
             spread = float(np.sqrt(np.mean(error[keep] ** 2)))
             middle = float(np.median(np.abs(error)))
-            keep = np.abs(error) <= _CLIP * max(min(spread, 2.0 * middle), 1e-6)
+            keep = np.abs(error) <= _OUTLIER_CLIP * max(min(spread, 2.0 * middle), 1e-6)
         i, j = np.arange(self.grid.ny)[:, None], np.arange(self.grid.nx)
         level = plane[0] * j + plane[1] * i + plane[2]
         return np.where(self.valid, self.height - level, 0.0), spread
 
     @property
     def _coarse_size(self) -> tuple[int, int]:
-        factor = min(1.0, self.grid.resolution / _COARSE)
+        factor = min(1.0, self.grid.resolution / _COARSE_CELL_M)
         return max(2, round(self.grid.nx * factor)), max(2, round(self.grid.ny * factor))
 
     @cached_property
     def _pixels(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Columns and rows (ny, nx) of the pixels that look at the cells."""
+        """Columns and rows (ny, nx) of the cells in the camera's image, pixels."""
         grid = self.grid
         x = grid.x_first + grid.resolution * np.arange(grid.nx) - self.X_WC[0, 3]
         y = (grid.y_first + grid.resolution * np.arange(grid.ny) - self.X_WC[1, 3])[:, None]

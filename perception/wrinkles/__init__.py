@@ -1,1 +1,1 @@
-"""From a range map to wrinkles and a flattening target: surface, ridges, measures, grasp points."""
+"""Wrinkle analysis of a range map: surface, ridges, wrinkle measures, flattening targets."""

@@ -1,4 +1,4 @@
-"""Range map to wrinkles and flattening target: the whole of perception's second half."""
+"""Wrinkle analysis: from a range map to measured wrinkles and a flattening target."""
 
 from __future__ import annotations
 
@@ -11,33 +11,35 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from unwrinkle.models import InputError
+from unwrinkle.models.choices import PullReading
 from unwrinkle.models.table import Table
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import NoiseProfile, noise_profile
-from unwrinkle.perception.target import MODES, FlatteningTarget, NoTarget
+from unwrinkle.perception.target import FlatteningTarget, NoTarget
 from unwrinkle.perception.wrinkles.ridges import contour_points, link, ridge_points
 from unwrinkle.perception.wrinkles.surface import Surface, fit_surface, spread
 from unwrinkle.perception.wrinkles.targeting import flattening_target
 from unwrinkle.perception.wrinkles.wrinkle import Wrinkle, wrinkles_of
 from unwrinkle.perception.wrinkles.wrinkledness import Wrinkledness, wrinkledness
 
-#: An outline this near to the table's edge runs along it, metres: the rim that a view may lack.
+#: Distance from the table's edge within which the garment's outline counts as along it, metres.
+#: Range maps may lack a rim of this width.
 _AT_EDGE = 0.012
 
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """What was found on a range map.
+    """Wrinkles found on a range map, with the intermediate results.
 
     Attributes:
-        range_map: what was analysed.
-        profile: the noise profile it was analysed with.
-        mode: one of MODES, the reading of Eq. 5.
-        surface: the garment's fitted surface, on a grid of its own.
+        range_map: the analysed range map.
+        profile: noise profile used.
+        mode: one of `PullReading`, the reading of Eq. 5.
+        surface: the garment's fitted surface, on its own grid.
         ridge_points: mask of ridge points, on the surface's grid.
-        wrinkles: largest (by volume score) first.
+        wrinkles: sorted by volume score, largest first.
         table: the working table; grasp points stay on it.
-        section, pull: of targets, see `flattening_target`.
+        section, pull: options of the targets, see `flattening_target`.
     """
 
     range_map: RangeMap
@@ -52,12 +54,12 @@ class Analysis:
 
     @property
     def halting_measure(self) -> float:
-        """Largest pull distance (Eq. 5 in this mode) over the wrinkles, metres; 0 without any."""
+        """Largest pull distance (Eq. 5, reading `mode`) of a wrinkle, metres; 0 without any."""
         return max((w.pull_distance(self.mode) for w in self.wrinkles), default=0.0)
 
     @property
     def share_beyond_table(self) -> float:
-        """Share of the garment's area that lies beyond the table's edges."""
+        """Fraction of the garment's area that lies beyond the table's edges."""
         rows, columns = np.nonzero(self.range_map.garment)
         points = self.range_map.origin + self.range_map.resolution * np.column_stack(
             [columns, rows]
@@ -67,7 +69,7 @@ class Analysis:
 
     @property
     def share_along_edge(self) -> float:
-        """Share of the garment's outline that runs along the table's edges: more may hang over them."""
+        """Fraction of the garment's outline along the table's edges, where cloth may hang over."""
         mask = self.range_map.garment
         inner = ndimage.binary_erosion(mask)
         rows, columns = np.nonzero(mask & ~inner)
@@ -79,17 +81,17 @@ class Analysis:
 
     @cached_property
     def classes(self) -> NDArray[np.uint8]:
-        """Shape classes on the range map's grid, uint8, 0 flat or outside."""
+        """Shape classes resampled to the range map's grid, uint8; 0 for flat and outside."""
         return spread(self.surface.classes, self.surface, self.range_map)
 
     @cached_property
     def ridges(self) -> NDArray[np.bool_]:
-        """Ridge points on the range map's grid."""
+        """Ridge-point mask resampled to the range map's grid."""
         return spread(self.ridge_points, self.surface, self.range_map)
 
     @cached_property
     def contours(self) -> NDArray[np.bool_]:
-        """Boundary of convex and concave, on the range map's grid."""
+        """Inflection-contour mask resampled to the range map's grid."""
         return spread(contour_points(self.surface), self.surface, self.range_map)
 
     @cached_property
@@ -99,11 +101,11 @@ class Analysis:
 
     @cached_property
     def wrinkledness(self) -> Wrinkledness:
-        """Entropy of normals, and the grasp point it proposes."""
+        """Entropy of the surface normals and the grasp point with the highest score."""
         return wrinkledness(self.surface, self.profile)
 
     def target_for(self, index: int) -> FlatteningTarget | NoTarget:
-        """Target of the `index`-th wrinkle, largest first, whatever its size.
+        """Compute the flattening target of wrinkle `index`, whatever its size.
 
         Raises:
             InputError: there is no such wrinkle.
@@ -121,7 +123,7 @@ class Analysis:
         )
 
     def to_json(self, *, points: bool = False) -> dict[str, Any]:
-        """Return the result as plain data; the wrinkles' point lists only if asked for."""
+        """Return the result as plain data; with `points`, also the wrinkles' point lists."""
         return {
             "format": "unwrinkle.analysis",
             "version": 1,
@@ -145,21 +147,20 @@ def analyse(
     section: str = "centre",
     pull: str = "wrinkle",
 ) -> Analysis:
-    """Find the wrinkles on a range map and what to do about the largest.
+    """Find the wrinkles on a range map and the target of the largest that can be grasped.
 
     Args:
         range_map: height above the table, with the garment's mask.
         table: the working table; grasp points stay on it.
-        mode: reading of Eq. 5: "paper" (between the contours), "foot" (foot to foot), or "between" (their mean).
-        profile: noise profile; None for the range map's sensor's own.
-        patches: the paper's independent surface patches in place of one smooth surface.
-        section, pull: of targets, see `flattening_target`.
+        mode: reading of Eq. 5, see `PullReading`.
+        profile: noise profile; None for that of the range map's sensor.
+        patches: fit the paper's independent surface patches instead of one smooth surface.
+        section, pull: options of the targets, see `flattening_target`.
 
     Raises:
-        InputError: unknown mode or sensor, no garment, nothing measured on it.
+        InputError: unknown mode or sensor, no garment, or no measured cell on it.
     """
-    if mode not in MODES:
-        raise InputError(f"mode {mode!r}: must be one of {', '.join(MODES)}")
+    mode = PullReading(mode).value
     profile = profile or noise_profile(range_map.sensor)
     surface = fit_surface(range_map, profile, patches=patches)
     ridge = ridge_points(surface, profile)

@@ -1,13 +1,13 @@
-"""Least-squares tensor B-spline of a height map: one C2 surface, or the paper's separate patches.
+"""Least-squares tensor-product B-spline of a height map.
 
-Both are the same separable problem, min || W (By C Bx^T - Z) ||, and differ only in their knots:
-open uniform knots give one smooth surface; knots of full multiplicity at the borders of the patches
-take it apart into independent patches of 5 x 5 control points (degree 3, knots 0 0 0 0 1 2 2 2 2
-each), as the source paper has them. Everything downstream uses second derivatives, which jump at
-the seams of the patches: the single surface is the default.
+Two variants solve the same separable problem, min || W (By C Bx^T - Z) ||, and differ in their
+knots only. Open uniform knots give one smooth surface (the default). Knots of full multiplicity at
+the patch borders give the source paper's independent patches of 5 x 5 control points (degree 3,
+knots 0 0 0 0 1 2 2 2 2). Ridges and contours come from second derivatives, which are discontinuous
+at the borders of the patches.
 
-The single surface has degree 5. Cubic splines are C2, too, but their second derivative is linear
-between knots: with knots near a ridge's sigma, its zeros, the contours, are up to 0.5 mm off.
+The single surface has degree 5. The second derivative of a cubic spline is linear between knots;
+with a knot spacing near a ridge's sigma, its zeros (the contours) are off by up to 0.5 mm.
 """
 
 from __future__ import annotations
@@ -23,33 +23,33 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from unwrinkle.models import InputError
 
-#: Degree of the single surface; C4, and C2 with a smooth second derivative is what is needed.
+#: Degree of the single surface: C4, so that the second derivative is smooth.
 DEGREE = 5
 
-#: Derivative that smoothing penalises.
+#: Order of the derivative that the smoothing penalises.
 PENALTY_ORDER = 3
 
-#: Degree of the paper's patches.
+#: Degree of the source paper's patches.
 PATCH_DEGREE = 3
 
-#: Side of one of the paper's patches, in knot spacings of the single surface (2 spans each).
+#: Side of one of the source paper's patches, in knot spacings.
 PATCH_SPANS = 2
 
 Floats = NDArray[np.float32]
 
 
 def open_uniform_knots(length: float, spacing: float) -> NDArray[np.float64]:
-    """Return open uniform knots of DEGREE on [0, length], spaced about `spacing` (to divide it)."""
+    """Return open uniform knots of DEGREE on [0, length], metres, spaced by about `spacing`."""
     spans = max(1, round(length / spacing))
     inner = np.linspace(0.0, length, spans + 1)
     return np.concatenate([[0.0] * DEGREE, inner, [length] * DEGREE])
 
 
 def patch_knots(length: float, spacing: float) -> NDArray[np.float64]:
-    """Return the knots of the paper's independent patches on [0, length].
+    """Return the knots of the source paper's independent patches on [0, length], metres.
 
-    Each patch is 2 * spacing long and has knots 0 0 0 0 1 2 2 2 2: five control points. Knots of
-    multiplicity PATCH_DEGREE + 1 at the borders make neighbouring patches independent of each other.
+    Each patch is 2 * spacing long, with knots 0 0 0 0 1 2 2 2 2 (five control points). Knots of
+    multiplicity PATCH_DEGREE + 1 at the borders decouple neighbouring patches.
     """
     patches = max(1, round(length / (PATCH_SPANS * spacing)))
     borders = np.linspace(0.0, length, patches + 1)
@@ -63,14 +63,14 @@ def patch_knots(length: float, spacing: float) -> NDArray[np.float64]:
 def design_matrix(
     knots: NDArray[np.float64], points: NDArray[np.float64], degree: int, order: int = 0
 ) -> Floats:
-    """Return the (n, controls) matrix of the basis functions' `order`-th derivatives at points."""
+    """Return the (n, controls) float32 matrix of the basis functions' `order`-th derivatives."""
     basis = BSpline(knots, np.eye(len(knots) - degree - 1), degree)
     return np.ascontiguousarray(basis(points, nu=order), dtype=np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class TensorSpline:
-    """A height surface z(x, y) on [0, length_x] x [0, length_y].
+    """Tensor-product B-spline z(x, y) on [0, length_x] x [0, length_y], metres.
 
     Attributes:
         knots_x, knots_y: knot vectors, metres.
@@ -86,7 +86,7 @@ class TensorSpline:
     def sample(
         self, x: NDArray[np.float64], y: NDArray[np.float64], orders: list[tuple[int, int]]
     ) -> list[Floats]:
-        """Return derivatives of the surface on the grid of x (columns) and y (rows).
+        """Evaluate derivatives of the surface on the grid of x (columns) and y (rows).
 
         Args:
             x: (nx,) metres within the spline's domain.
@@ -107,7 +107,7 @@ class TensorSpline:
 
 
 class _Axis:
-    """One axis of the separable problem: design, normal matrix and its banded Cholesky factor."""
+    """Design matrix, normal matrix and banded Cholesky factor of one axis."""
 
     def __init__(
         self,
@@ -119,7 +119,8 @@ class _Axis:
         self.design = design_matrix(knots, points, degree)
         rough = design_matrix(knots, points, degree, PENALTY_ORDER).astype(np.float64)
         normal = (self.design.T @ self.design).astype(np.float64)
-        # Basis functions that few samples see (last, narrow spans) keep the factor positive.
+        # Regularise basis functions with few samples (narrow last spans): keeps the matrix
+        # definite.
         normal[np.diag_indices_from(normal)] += 1e-6 * float(np.max(np.diag(normal)))
         normal += smoothing ** (2 * PENALTY_ORDER) * (rough.T @ rough)
         band = np.zeros((degree + 1, len(normal)))
@@ -142,27 +143,26 @@ def fit_spline(
     patches: bool = False,
     sweeps: int = 30,
 ) -> TensorSpline:
-    """Fit a tensor B-spline to the cells of `height` where `weight` > 0, in the least squares sense.
+    """Fit a tensor B-spline to the cells of `height` where `weight` > 0 by least squares.
 
-    With weights of one everywhere, one separable solve is the answer. With holes it is the first of
-    the *fill and refit* sweeps: fill the holes with the fit, fit again. Those sweeps are a
-    Richardson iteration with the full grid's solve as preconditioner; conjugate gradients take
-    the same steps and need some tens instead of thousands. Parts that no cell supports keep
-    what the first fill gave them (nearest cell outwards).
+    With unit weights one separable solve gives the solution. With holes, conjugate gradients with
+    the full grid's solve as preconditioner converge in some tens of iterations, where alternately
+    filling the holes and refitting (a Richardson iteration with the same preconditioner) needs
+    thousands. Control points without supporting cells keep the first fill (nearest cell outwards).
 
-    A penalty on the third derivative along each axis makes the fit a low-pass with the response
-    1 / (1 + (smoothing w)^6) per axis, w in rad/m: against a noisy sensor it costs less of a
-    ridge than stiff knots do, does not depend on where the knots fall, and steadies the rim.
+    The penalty on the third derivative along each axis makes the fit a low-pass filter with the
+    response 1 / (1 + (smoothing w)^6) per axis, w in rad/m. Compared with wider knots it attenuates
+    ridges less, does not depend on the knots' places, and stabilises the rim.
 
     Args:
         height: (ny, nx) metres; ignored where weight is 0.
         weight: (ny, nx) in [0, 1].
         resolution: metres between cells. Cell [0, 0] is at spline coordinates (0, 0).
-        knot_spacing: wanted spacing of knots, metres.
+        knot_spacing: target spacing of the knots, metres.
         smoothing: length of the penalty, metres; 0 for plain least squares.
-        patches: the paper's independent 5 x 5 patches (2 * knot_spacing wide) in place of one
+        patches: fit the paper's independent 5 x 5 patches (2 * knot_spacing wide) instead of one
             surface.
-        sweeps: at most so many conjugate-gradient steps.
+        sweeps: limit of conjugate-gradient iterations.
 
     Raises:
         InputError: shapes disagree, or no cell has any weight.
@@ -222,12 +222,12 @@ def _conjugate_gradients(
 
 
 def _single(values: NDArray[Any]) -> Floats:
-    """The same array for the type checker, to which a product of float32 is float64."""
+    """Cast to float32 (numpy's stubs type a product of float32 arrays as float64)."""
     return np.asarray(values, dtype=np.float32)
 
 
 def _fill(height: Floats, mask: NDArray[np.bool_]) -> Floats:
-    """Give cells outside the mask the height of the nearest cell inside."""
+    """Set cells outside the mask to the height of the nearest cell inside."""
     if mask.all():
         return height
     _, labels = cv2.distanceTransformWithLabels(

@@ -1,4 +1,4 @@
-"""Profiles across a ridge: from the ridge to its contour and on to its foot, on one side."""
+"""Cross-section profiles of a ridge: from the crest to the contour and the foot, on one side."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from unwrinkle.perception.sensor import NoiseProfile
-from unwrinkle.perception.wrinkles.ridges import Line, sample
-from unwrinkle.perception.wrinkles.surface import Floats, Surface
+from unwrinkle.perception.wrinkles.ridges import Line
+from unwrinkle.perception.wrinkles.surface import Floats, Surface, sample
 
-#: The foot of a wrinkle: where its flank descends less steeply than this (rise over run).
+#: Slope (rise over run) below which the cross-section has reached the wrinkle's foot.
 FOOT_SLOPE = 0.05
 
-#: The foot is sought as far as this many times the inflection line's distance (a Gaussian: 4 sigma).
+#: Search limit of the foot, multiples of the contour's distance (4 sigma of a Gaussian ridge).
 FOOT_REACH = 4.0
 
 
-class Flank:
-    """Profiles of a surface from the ridge to one side; arrays (samples, steps).
+class CrossSectionSide:
+    """Cross-sections of a surface from the ridge to one side; arrays (samples, steps).
 
-    Against noise they are averaged along the ridge, where a wrinkle changes slowly, and not across
-    it, which would widen and lower it.
+    The profiles are averaged along the ridge to reduce noise; averaging across it would widen and
+    lower the wrinkle.
 
     Attributes:
         points: (samples, steps, 2) on the surface's grid.
         distance: (steps,) from the ridge, metres.
         z: heights above the table, metres.
         found: (samples,) whether the contour was found and the foot stands on the garment.
-        contour: (samples,) fractional step of the sign change of the cross-curvature.
+        contour: (samples,) fractional step of the inflection (sign change of the curvature).
         foot: (samples,) fractional step of the foot.
     """
 
@@ -43,14 +43,14 @@ class Flank:
         *,
         fine: bool,
     ) -> None:
-        """Walk from the points of `curve` along `across`, both (samples, 2), in cells.
+        """Sample the surface from `curve` along `across`, both (samples, 2), in cells.
 
         Args:
             curve: points of the ridge line.
-            across: unit normals of it, to the side to walk to.
+            across: its unit normals, towards the sampled side.
             surface: the fitted surface.
             profile: the sensor's profile.
-            fine: whether to walk on the less smoothed surface, averaging along the ridge.
+            fine: sample the less smoothed surface, averaged along the ridge.
         """
         reach = profile.contour_reach / surface.resolution
         steps = np.arange(0.0, 2.0 * reach, 0.5)
@@ -74,7 +74,7 @@ class Flank:
         )
         outside = sample(surface.inside.astype(np.float32), self.points) < 0.5
         beyond = np.logical_or.accumulate(outside, axis=1)
-        # Contour: the sign change of the cross-curvature, to a fraction of a step.
+        # Contour: sign change of the curvature across the ridge, to a fraction of a step.
         concave = (bend >= 0.0) & (self.distance <= profile.contour_reach)
         k = np.argmax(concave, axis=1)
         rows = np.arange(len(curve))
@@ -82,8 +82,8 @@ class Flank:
         before, after = bend[rows, np.maximum(k - 1, 0)], bend[rows, k]
         fraction = np.clip(before / np.where(self.found, before - after, 1.0), 0.0, 1.0)
         self.contour = np.where(self.found, np.maximum(k - 1, 0) + fraction, 0.0)
-        # Foot: on from there to where the flank has run out, or far enough; if the cloth ends
-        # first, this is its rim and no wrinkle.
+        # Foot: first gentle step beyond the contour, or the search limit; if the cloth ends before,
+        # this is the garment's rim and not a wrinkle.
         gentle = step / run > -FOOT_SLOPE
         index = np.arange(gentle.shape[1])
         past = index >= np.ceil(self.contour)[:, None]
@@ -97,7 +97,7 @@ class Flank:
     def at(
         self, where: NDArray[np.float64]
     ) -> tuple[Line, NDArray[np.float64], NDArray[np.float64]]:
-        """Points (n, 2) in cells, heights and arc lengths from the ridge at fractional steps."""
+        """Interpolate points (n, 2) in cells, heights and arc lengths from the ridge, metres."""
         low = np.clip(where.astype(int), 0, self.z.shape[1] - 2)
         part, rows = where - low, np.arange(len(where))
 

@@ -1,8 +1,9 @@
-"""From a surface to a grasp across a ridge: where, in which direction, how wide and how high.
+"""Pinch grasps across a ridge: position, direction, width and height.
 
-Sun et al. 2016 (Robot vision architecture for autonomous clothes manipulation, section IV) grasp where the
-wrinkledness is highest, the gripper set across the ridge by a triplet: the ridge point and the two contour
-points (inflections) beside it. The triplet here is sought in the section across the crest next to the point.
+Sun et al. 2016 (Robot vision architecture for autonomous clothes manipulation, section IV) grasp at
+the highest wrinkledness, with the gripper set across the ridge by a triplet: the ridge point and
+the two contour points (inflections) beside it. Here the triplet is taken from the cross-section of
+the crest next to that point.
 """
 
 from __future__ import annotations
@@ -15,36 +16,46 @@ from numpy.typing import NDArray
 
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.sensor import NoiseProfile
-from unwrinkle.perception.wrinkles.ridges import sample
-from unwrinkle.perception.wrinkles.surface import Surface
+from unwrinkle.perception.wrinkles.surface import Surface, sample
 from unwrinkle.perception.wrinkles.wrinkledness import Wrinkledness
 
 Vector = NDArray[np.float64]
 
-#: The crest is sought this far from the proposed point, metres.
+#: Search distance of the crest from the proposed point, metres.
 CREST_REACH = 0.015
-#: Sections and curvatures are averaged over this length along the ridge: the width of a gripper's blade, metres.
+
+#: Length along the ridge over which sections and curvatures are averaged, metres: the width of a
+#: gripper's blade.
 AVERAGED = 0.025
-#: Candidates of the wrinkledness nearer to each other than this are one, metres.
+
+#: Least distance between two candidates of the wrinkledness, metres.
 APART = 0.030
-#: A ridge that stands less than this over its contours is texture, metres.
+
+#: Least height of a ridge over its contours, metres; lower ones are cloth texture.
 LEAST_RISE = 0.001
-_STEP = 0.0005
-_TURNS = 3  # rounds of finding the crest and the direction across it
-_MOST = 20  # candidates looked at
+
+#: Sampling step of sections, metres.
+_STEP_M = 0.0005
+
+#: Iterations of finding the crest and the direction across it.
+_ITERATIONS = 3
+
+#: Limit of the candidates that are tried.
+_MAX_CANDIDATES = 20
 
 
 @dataclass(frozen=True, eq=False)
 class GraspProposal:
-    """Where and how to pinch a ridge. World frame W, metres.
+    """Pinch grasp of a ridge. World frame W, metres.
 
     Attributes:
-        p_WG: (3,) the crest.
-        across: (2,) unit, horizontal, across the ridge, from the first contour to the second; x > 0, or x = 0 and y > 0.
-        contours: (2, 3) the inflections on either side of the crest.
-        rise: of the crest over the line between the contours.
-        height: of the crest above the table.
-        score: of the wrinkledness at the point that was proposed, nats/m; 0 where it was not asked.
+        p_WG: (3,) grasp point on the crest.
+        across: (2,) horizontal unit vector across the ridge, from the first contour to the second;
+            x > 0, or x = 0 and y > 0.
+        contours: (2, 3) inflection points on either side of the crest.
+        rise: height of the crest over the line between the contours.
+        height: height of the crest above the table.
+        score: wrinkledness score at the proposed point, nats/m; 0 if not from the wrinkledness.
     """
 
     p_WG: Vector
@@ -55,7 +66,11 @@ class GraspProposal:
     score: float = 0.0
 
     def __post_init__(self) -> None:
-        """Make the arrays read-only. Raises InputError for values that are not finite or a direction not unit."""
+        """Check and freeze the arrays.
+
+        Raises:
+            InputError: a value is not finite, or `across` is not a unit vector.
+        """
         for name, shape in (("p_WG", (3,)), ("across", (2,)), ("contours", (2, 3))):
             array = np.array(getattr(self, name), dtype=float)
             if array.shape != shape or not np.isfinite(array).all():
@@ -67,7 +82,7 @@ class GraspProposal:
 
     @property
     def width(self) -> float:
-        """Horizontal distance between the contours."""
+        """Horizontal distance between the contours, metres."""
         return float(np.hypot(*(self.contours[1] - self.contours[0])[:2]))
 
     def to_json(self) -> dict[str, Any]:
@@ -85,7 +100,7 @@ class GraspProposal:
 
 @dataclass(frozen=True)
 class NoGrasp:
-    """There is no ridge to grasp.
+    """Why there is no grasp.
 
     Attributes:
         reason: one sentence: what, where, by how much.
@@ -97,18 +112,18 @@ class NoGrasp:
 def propose_grasp(
     surface: Surface, wrinkledness: Wrinkledness, profile: NoiseProfile, table: float
 ) -> GraspProposal | NoGrasp:
-    """Return the grasp where the wrinkledness is highest, or why there is none.
+    """Propose the grasp at the highest wrinkledness that has a triplet.
 
-    Where a triplet is missing there (the cloth rises on, or ends before an inflection), the next best point is taken.
+    Points without one (the cloth rises further, or ends before an inflection) are skipped.
 
     Args:
-        surface: the garment's.
-        wrinkledness: over that surface.
+        surface: the garment's surface.
+        wrinkledness: computed on that surface.
         profile: the sensor's profile.
-        table: world z of the table.
+        table: world z of the table, metres.
 
     Returns:
-        The grasp; or the reason why the best point has none, if no other has one either.
+        The grasp, or the reason why the best point has none if no point has one.
     """
     first: NoGrasp | None = None
     for score, point in _candidates(wrinkledness):
@@ -122,19 +137,19 @@ def propose_grasp(
 def grasp_at(
     surface: Surface, point: Vector, profile: NoiseProfile, table: float, *, score: float = 0.0
 ) -> GraspProposal | NoGrasp:
-    """Return the grasp of the ridge next to a point, or why there is none.
+    """Compute the grasp of the ridge next to a point.
 
     Args:
-        surface: the garment's.
-        point: (2,) world x, y.
+        surface: the garment's surface.
+        point: (2,) world x, y, metres.
         profile: the sensor's profile.
-        table: world z of the table.
-        score: to be kept in the proposal.
+        table: world z of the table, metres.
+        score: stored in the proposal.
     """
     at = np.array(point, dtype=float)
     place = f"at ({at[0]:.3f}, {at[1]:.3f})"
-    s = np.arange(-CREST_REACH, CREST_REACH + 0.5 * _STEP, _STEP)
-    for _ in range(_TURNS):
+    s = np.arange(-CREST_REACH, CREST_REACH + 0.5 * _STEP_M, _STEP_M)
+    for _ in range(_ITERATIONS):
         across = across_direction(surface, at)
         z, inside = _section(surface, at, across, s)
         if not inside[len(s) // 2]:
@@ -164,13 +179,14 @@ def grasp_at(
 
 
 def across_direction(surface: Surface, point: Vector) -> Vector:
-    """Unit direction (2,) of the most convex bending about a point, averaged over a blade's width.
+    """Return the unit direction (2,) of the most convex bending at a point.
 
-    It is that of the least eigenvalue of the averaged second derivatives of the height (z up).
+    It is the eigenvector of the least eigenvalue of the height's Hessian (z up), averaged over
+    AVERAGED.
 
     Args:
-        surface: the garment's.
-        point: (2,) world x, y.
+        surface: the garment's surface.
+        point: (2,) world x, y, metres.
     """
     ticks = np.linspace(-0.5 * AVERAGED, 0.5 * AVERAGED, 11)
     disc = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
@@ -188,12 +204,12 @@ def across_direction(surface: Surface, point: Vector) -> Vector:
 
 
 def _candidates(wrinkledness: Wrinkledness) -> list[tuple[float, Vector]]:
-    """Best points of the score, APART from each other, best first."""
+    """Return (score, point) of the score's maxima, at least APART from each other, best first."""
     score = wrinkledness.score.copy()
     radius = APART / wrinkledness.resolution
     rows, columns = np.indices(score.shape)
     found: list[tuple[float, Vector]] = []
-    while len(found) < _MOST:
+    while len(found) < _MAX_CANDIDATES:
         row, column = np.unravel_index(int(np.argmax(score)), score.shape)
         best = float(score[row, column])
         if best <= 0.0:
@@ -207,7 +223,7 @@ def _candidates(wrinkledness: Wrinkledness) -> list[tuple[float, Vector]]:
 def _section(
     surface: Surface, point: Vector, across: Vector, s: Vector
 ) -> tuple[Vector, NDArray[np.bool_]]:
-    """Heights (n,) at point + s * across, averaged along the ridge, and whether that is on the garment."""
+    """Return heights (n,), m, and inside flags at point + s * across, averaged along the ridge."""
     along = np.array([-across[1], across[0]])
     ticks = np.linspace(-0.5 * AVERAGED, 0.5 * AVERAGED, 11)
     places = point + s[:, None, None] * across + ticks[None, :, None] * along
@@ -222,7 +238,7 @@ def _section(
 
 
 def _uphill(z: Vector, inside: NDArray[np.bool_]) -> int:
-    """Index of the crest that the middle of the section leads up to."""
+    """Return the index of the local maximum uphill from the middle of the section."""
     i = len(z) // 2
     while True:
         near = [k for k in (i - 1, i + 1) if 0 <= k < len(z) and inside[k] and z[k] > z[i]]
@@ -234,11 +250,11 @@ def _uphill(z: Vector, inside: NDArray[np.bool_]) -> int:
 def _contour(
     surface: Surface, crest: Vector, outward: Vector, reach: float
 ) -> tuple[float, float] | None:
-    """Distance from the crest and height of the first inflection; None if there is none on the garment."""
-    s = np.arange(0.0, reach, _STEP)
+    """Return distance from the crest and height, metres, of the first inflection, or None."""
+    s = np.arange(0.0, reach, _STEP_M)
     z, inside = _section(surface, crest, outward, s)
-    slope = np.gradient(z, _STEP)
-    bend = np.gradient(slope, _STEP)
+    slope = np.gradient(z, _STEP_M)
+    bend = np.gradient(slope, _STEP_M)
     steep = np.minimum.accumulate(slope) < -0.02  # past the rounding of the crest itself
     found = np.flatnonzero((bend >= 0.0) & steep)
     if len(found) == 0 or not inside[: found[0] + 1].all():

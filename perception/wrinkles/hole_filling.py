@@ -1,4 +1,4 @@
-"""Bridges over what is hidden behind a fold: a crest seen from one side only is still a crest."""
+"""Hole filling of height maps: a membrane over cells that a fold hides from the camera."""
 
 from typing import Any
 
@@ -9,33 +9,34 @@ from scipy.ndimage import binary_dilation
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 
-#: Holes with room for a larger disc than this are left open, metres: nobody knows what lies there.
+#: Radius of the largest inscribed disc up to which a hole is filled, metres.
 WIDEST = 0.022
-#: Weight of a bridged cell, where a measured one has 1.
+#: Weight of a filled cell, relative to 1 for a measured one.
 WEIGHT = 0.2
 
 _NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 
-def bridged(
+def fill_holes(
     height: NDArray[np.float32],
     weight: NDArray[np.float32],
     wanted: NDArray[np.bool_],
     resolution: float,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Fill holes with the membrane that is spanned by what was measured around them.
+    """Fill small holes with a membrane (Laplace's equation) through the measured cells around them.
 
-    A head that looks down at a slant does not see the far flank of a steep fold. The membrane goes from the crest
-    straight down to where the cloth is seen again, much as cloth that lies over itself does.
+    A camera that looks down at a slant does not see the far side of a steep fold. The membrane
+    descends from the crest to where the cloth is seen again, as cloth lying on itself does.
 
     Args:
         height: (ny, nx) metres.
-        weight: (ny, nx) of each cell, 0 where nothing was measured.
-        wanted: (ny, nx) where a surface is wanted.
+        weight: (ny, nx) weight of each cell, 0 where nothing was measured.
+        wanted: (ny, nx) bool, cells in which holes are filled.
         resolution: side of a cell, metres.
 
     Returns:
-        Heights and weights with the holes filled, of which a disc of radius `WIDEST` covers the deepest point.
+        Heights and weights with the holes filled whose largest inscribed disc has a radius of at
+        most `WIDEST`.
     """
     hole = wanted & (weight <= 0.0)
     if not hole.any():
@@ -46,7 +47,7 @@ def bridged(
     np.maximum.at(deepest, labels.ravel(), depth.ravel())
     narrow = deepest * resolution <= WIDEST
     narrow[0] = False
-    # A hole that touches nothing measured has nothing to hang on.
+    # A hole without a measured neighbour has no boundary condition.
     anchored = np.zeros(count, dtype=bool)
     around = binary_dilation(weight > 0.0)
     anchored[np.unique(labels[around & hole])] = True
@@ -62,7 +63,7 @@ def bridged(
 def _membrane(
     height: NDArray[np.float32], known: NDArray[np.bool_], chosen: NDArray[np.bool_]
 ) -> NDArray[Any]:
-    """Heights of the chosen cells that satisfy Laplace's equation; edges without data are free."""
+    """Solve Laplace's equation on the chosen cells; edges without data are free (Neumann)."""
     ny, nx = height.shape
     row, column = np.nonzero(chosen)
     number = np.full(height.shape, -1, dtype=np.intp)

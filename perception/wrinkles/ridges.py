@@ -1,8 +1,8 @@
-"""Ridge points, contours, and the linking of ridge points into one line per wrinkle.
+"""Ridge points, inflection contours, and the linking of ridge points into one line per wrinkle.
 
 A ridge point is a positive extremum of -k_min (the convex curvature; z up) across the crest. Lines
-of ridge points are cut where three branches meet and at domes and ruts, and what was cut is joined
-again only if it runs on in the same direction: two crossing ridges stay two wrinkles.
+of ridge points are cut at junctions of three branches and at domes and ruts. Pieces are joined
+again only if they continue in the same direction, so that two crossing ridges stay two wrinkles.
 """
 
 from __future__ import annotations
@@ -23,66 +23,49 @@ from unwrinkle.perception.wrinkles.surface import (
     FLAT,
     RIDGE,
     SADDLE_RIDGE,
-    Floats,
     Surface,
     crest_direction,
+    sample,
 )
 
-#: A polyline on the surface's grid, (n, 2) float (column, row), in order along the ridge.
+#: Polyline on the surface's grid, (n, 2) float (column, row), ordered along the ridge.
 Line = NDArray[np.float64]
 
-#: Length at the end of a piece that gives its tangent there, metres (and at least one knot spacing).
+#: Length of a piece's end that its end tangent is fitted to, metres (at least one knot spacing).
 TANGENT_LENGTH = 0.015
 
-#: Pieces shorter than this share of the profile's shortest wrinkle are noise.
+#: Pieces shorter than this fraction of the profile's `wrinkle_length` are dropped as noise.
 PIECE_SHARE = 0.12
 
-#: Ridge points nearer to the rim than this are left out (in knot spacings, and at least in metres):
-#: the fit is weak there, and cloth comes down to the table over some millimetres.
+#: Width of the rim without ridge points, in knot spacings: the fit is poorly constrained there and
+#: the cloth comes down to the table over some millimetres.
 RIM_SPANS = 0.75
+
+#: Lower bound of that width, metres.
 RIM_LEAST = 0.008
 
-#: A line that turns by more than this (cosine of 50 deg) within a gap's length is cut there.
+#: Cosine of the bend (50 deg) within a gap's length above which a line is cut.
 SHARP_BEND = 0.64
 
 _RING = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))
 
 
-def sample(image: Floats, points: Line) -> Floats:
-    """Bilinear samples of `image` at (..., 2) points (column, row); border values outside."""
-    flat = np.ascontiguousarray(points, dtype=np.float32).reshape(-1, 2)
-    if len(flat) == 0:
-        return np.zeros(points.shape[:-1], dtype=np.float32)
-    columns = 1024  # cv2.remap takes no map of 32768 rows or more
-    rows = -(-len(flat) // columns)
-    grid = np.zeros((rows * columns, 2), dtype=np.float32)
-    grid[: len(flat)] = flat
-    out = cv2.remap(
-        image,
-        grid.reshape(rows, columns, 2),
-        None,
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
-    return np.asarray(out.reshape(-1)[: len(flat)].reshape(points.shape[:-1]))
-
-
 def ridge_points(surface: Surface, profile: NoiseProfile, *, domes: bool = False) -> Mask:
     """Mark positive extrema of -k_min across the crest, stronger than the profile's gate.
 
-    Only in (majority-filtered) ridge and saddle-ridge cells, and off the rim, so that domes, ruts
-    and the step down to the table cut the lines. The strength is smoothed by a quarter of the knot
-    spacing first: second derivatives of a cubic spline have their extrema at knots otherwise.
+    Candidates are (majority-filtered) ridge and saddle-ridge cells off the rim; domes, ruts and the
+    step down to the table therefore cut the lines. The strength is smoothed by a quarter of the
+    knot spacing first, because a spline's second derivatives tend to have their extrema at knots.
 
     Args:
         surface: the fitted surface.
         profile: the sensor's profile.
-        domes: whether domes do not cut the lines, but have ridge points of their own.
+        domes: also accept cells of class dome.
     """
     sigma = 0.25 * profile.knot_spacing / surface.resolution
     strength = cv2.GaussianBlur(-surface.k_min, (0, 0), max(sigma, 0.5))
     rim = max(RIM_SPANS * profile.knot_spacing, RIM_LEAST) / surface.resolution
-    framed = np.pad(surface.inside.astype(np.uint8), 1)  # where the map ends is a rim, too
+    framed = np.pad(surface.inside.astype(np.uint8), 1)  # the map's border counts as a rim
     depth = cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1]
     candidate = (surface.classes == RIDGE) | (surface.classes == SADDLE_RIDGE)
     if domes:
@@ -105,7 +88,7 @@ def ridge_points(surface: Surface, profile: NoiseProfile, *, domes: bool = False
 
 
 def contour_points(surface: Surface) -> Mask:
-    """Mark the boundary of convex and concave: cells where the Laplacian changes sign."""
+    """Mark the inflection contours: cells where the Laplacian changes sign."""
     convex = (surface.zxx + surface.zyy) < 0.0
     shaped = surface.classes != FLAT
     contour = np.zeros(convex.shape, dtype=bool)
@@ -117,18 +100,18 @@ def contour_points(surface: Surface) -> Mask:
 def link(ridge: Mask, surface: Surface, profile: NoiseProfile) -> list[Line]:
     """Link ridge points into lines, one per wrinkle.
 
-    The points are thinned, cut at pixels with three branches, and traced into pieces. What runs
-    along neither ridge in the middle of a crossing is dropped: short pieces between two pairs of
+    The points are thinned, cut at pixels with three branches, and traced into pieces. Pixels in the
+    middle of a crossing that belong to neither ridge are dropped: short pieces between two pairs of
     other ends, and bends from one ridge into the other where another piece ends. Two ends are
     joined (Eq. 1: the nearest in the same ridge region first) if they are at most `link_gap` apart,
-    both tangents (of the last 1-2 cm) and the gap run the same way within `linking_cosine`, and
-    the gap lies in one ridge region.
+    both end tangents and the gap agree in direction within `linking_cosine`, and the gap lies in
+    one ridge region.
 
-    If the profile has stubs, short lines through domes are added where no other line is: a wide
-    filter makes a dome of a fold that is hardly longer than it is wide.
+    If the profile has a `stub_length`, short lines through domes are added where no other line is:
+    the smoothing turns a fold that is hardly longer than wide into a dome.
 
     Returns:
-        Lines longer than the profile's shortest ridge, ordered points (column, row).
+        Lines of at least the profile's shortest ridge length, as ordered points (column, row).
     """
     lines = _linked(ridge, surface, profile)
     if profile.stub_length == 0.0:
@@ -146,7 +129,7 @@ def _linked(ridge: Mask, surface: Surface, profile: NoiseProfile) -> list[Line]:
     shortest = PIECE_SHARE * profile.wrinkle_length / surface.resolution
     pieces = [line for line in _pieces(_thin(ridge)) if _extent(line) >= shortest]
     gap = profile.link_gap / surface.resolution
-    pieces = _without_bridges(pieces, gap)
+    pieces = _without_crossing_pieces(pieces, gap)
     ends = np.array([piece[side] for piece in pieces for side in (0, -1)]).reshape(-1, 2)
     pieces = [
         part
@@ -164,7 +147,7 @@ def _extent(line: Line) -> float:
 
 
 def _thin(mask: Mask) -> Mask:
-    """Thin lines to one pixel (Zhang and Suen 1984), working on the marked pixels only."""
+    """Thin lines to one pixel (Zhang and Suen 1984); visits the marked pixels only."""
     image = np.pad(mask, 1).astype(np.uint8)
     while True:
         removed = 0
@@ -186,7 +169,7 @@ def _thin(mask: Mask) -> Mask:
 
 
 def _pieces(thin: Mask) -> list[Line]:
-    """Cut thinned lines at pixels with three branches and trace each piece in order."""
+    """Cut thinned lines at pixels with three branches and return each piece as ordered points."""
     image = np.pad(thin, 1).astype(np.uint8)
     rows, columns = np.nonzero(image)
     ring = [image[rows + dr, columns + dc] for dr, dc in _RING]
@@ -206,7 +189,7 @@ def _pieces(thin: Mask) -> list[Line]:
 
 
 def _walk(start: tuple[int, int], left: dict[tuple[int, int], None]) -> list[tuple[int, int]]:
-    """Follow neighbours from `start`, taking them out of `left`; 4-neighbours first."""
+    """Trace neighbours from `start`, 4-neighbours first, removing them from `left`."""
     path, (x, y) = [], start
     while True:
         for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)):
@@ -220,8 +203,8 @@ def _walk(start: tuple[int, int], left: dict[tuple[int, int], None]) -> list[tup
             return path
 
 
-def _without_bridges(pieces: list[Line], gap: float) -> list[Line]:
-    """Drop pieces within a crossing: short, and two other pieces end near each of their ends."""
+def _without_crossing_pieces(pieces: list[Line], gap: float) -> list[Line]:
+    """Drop pieces inside a crossing: short ones with two other pieces' ends near each end."""
     if len(pieces) < 5:
         return pieces
     ends = np.array([piece[side] for piece in pieces for side in (0, -1)])
@@ -238,11 +221,11 @@ def _without_bridges(pieces: list[Line], gap: float) -> list[Line]:
 
 
 def _cut_at_kinks(piece: Line, ends: Line, gap: float, least: float) -> list[Line]:
-    """Cut a piece where it bends from one ridge of a crossing into the other, and lose the bend.
+    """Cut a piece, and drop the bend, where it turns from one ridge of a crossing into the other.
 
-    That is where its directions over a gap's length before and after differ by more than the cosine
-    `least` allows, and another piece ends close by. A bend alone is a curved wrinkle, unless it is
-    sharp: then two ridges meet at a corner.
+    Criterion: the cosine between its directions over 0.8 gap lengths before and after the point is
+    below `least` and another piece ends close by. A bend without such an end is a curved wrinkle,
+    unless it is sharper than SHARP_BEND (a corner of two ridges).
     """
     span = round(0.8 * gap)
     if len(piece) < 3 * span:
@@ -260,7 +243,7 @@ def _cut_at_kinks(piece: Line, ends: Line, gap: float, least: float) -> list[Lin
 
 
 def _outward_tangent(line: Line, length: float) -> NDArray[np.float64]:
-    """Direction in which `line` leaves its first point, from the first `length` cells of it."""
+    """Return the unit tangent out of the line at its first point, fitted to `length` cells."""
     near = line[np.hypot(*(line - line[0]).T) <= length]
     if len(near) < 3:
         near = line[:3]
@@ -272,7 +255,7 @@ def _outward_tangent(line: Line, length: float) -> NDArray[np.float64]:
 def _joints(
     pieces: list[Line], surface: Surface, profile: NoiseProfile
 ) -> dict[tuple[int, int], tuple[int, int]]:
-    """Which end (piece, 0 or -1) is joined to which, in both directions."""
+    """Return the joined pairs of ends (piece, 0 or -1), as a map in both directions."""
     ends = [(i, side) for i in range(len(pieces)) for side in (0, -1)]
     if len(pieces) < 2:
         return {}
@@ -289,7 +272,7 @@ def _joints(
     a, b = pairs.T
     between = points[b] - points[a]
     distance = np.hypot(*between.T)
-    # The gap's own direction means little when it is a few pixels long: allow two pixels aside.
+    # The direction of a gap of a few pixels is unreliable: allow two pixels of lateral offset.
     least = profile.linking_cosine
     slack = 2.0 + distance * np.sqrt(1.0 - least**2) / least
     aside = np.maximum(_offset(tangents[a], between), _offset(tangents[b], between))
@@ -315,7 +298,7 @@ def _offset(direction: Line, vector: Line) -> NDArray[np.float64]:
 
 
 def _same_region(starts: Line, ends: Line, surface: Surface, share: float = 0.75) -> Mask:
-    """Whether the straight gap between two ends stays (for most of it) in the ridge region."""
+    """Return whether at least `share` of each straight gap lies in the ridge region."""
     region = np.isin(surface.classes, (SADDLE_RIDGE, RIDGE, DOME, CAP)).astype(np.float32)
     steps = np.linspace(0.0, 1.0, 16)[None, :, None]
     path = starts[:, None, :] * (1.0 - steps) + ends[:, None, :] * steps
@@ -323,7 +306,7 @@ def _same_region(starts: Line, ends: Line, surface: Surface, share: float = 0.75
 
 
 def _chains(pieces: list[Line], joints: dict[tuple[int, int], tuple[int, int]]) -> list[Line]:
-    """Concatenate joined pieces in order; every end has at most one joint."""
+    """Concatenate joined pieces in order; each end has at most one joint."""
     done: set[int] = set()
     free_first = sorted(range(len(pieces)), key=lambda i: ((i, 0) in joints) + ((i, -1) in joints))
     lines = []

@@ -1,8 +1,9 @@
-"""The garment's smooth surface, its curvatures, shape index and nine classes.
+"""Garment surface: B-spline fit, principal curvatures, shape index and shape classes.
 
-One height map serves for everything, z up, so that ridge, dome and cap have a positive shape index:
-S = -(2/pi) atan2(k1 + k2, k1 - k2) with k1 >= k2 (cup -1, rut -0.5, ridge +0.5, cap +1). The
-published S = (2/pi) atan((k2+k1)/(k2-k1)) is 0/0 at umbilics and turns with the normal's sign.
+Heights are z up, so that ridge, dome and cap have a positive shape index (Koenderink 1990):
+S = -(2/pi) atan2(k1 + k2, k1 - k2) with k1 >= k2 (cup -1, rut -0.5, ridge +0.5, cap +1). The form
+S = (2/pi) atan((k2 + k1) / (k2 - k1)) of the source paper is undefined at umbilics and changes sign
+with the normal.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from unwrinkle.models.arrays import Mask
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import NoiseProfile
 from unwrinkle.perception.wrinkles.bspline import TensorSpline, fit_spline
-from unwrinkle.perception.wrinkles.hole_filling import bridged
+from unwrinkle.perception.wrinkles.hole_filling import fill_holes
 
 Floats = NDArray[np.float32]
 Labels = NDArray[np.uint8]
@@ -41,38 +42,41 @@ CLASS_NAMES = (
     "cap",
 )
 
-#: Boundaries of the nine classes on the shape index (Koenderink; the paper gives none).
+#: Class boundaries on the shape index (Koenderink; the source paper gives none).
 CLASS_BOUNDS = (-7 / 8, -5 / 8, -3 / 8, -1 / 8, 1 / 8, 3 / 8, 5 / 8, 7 / 8)
 
-#: The surface is sampled at this many samples per knot spacing, the spline holds nothing finer,
-#: and at least every millimetre.
+#: Samples of the surface per knot spacing; the spline resolves nothing finer.
 SAMPLES_PER_KNOT = 6
+
+#: Largest distance between samples of the surface, metres.
 COARSEST_SAMPLE = 0.001
 
-#: Cells this near to the rim (in knot spacings, and at least in metres) are not fitted: depth mixes
-#: cloth and table there, and the cloth's own edge comes down.
+#: Width of the garment's rim that is not fitted, in knot spacings: there depth readings mix cloth
+#: and table, and the cloth's edge comes down to the table.
 RIM_SPANS = 0.25
+
+#: Lower bound of that width, metres.
 RIM_LEAST = 0.003
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The spline and its derivatives on a grid over the garment. All arrays (ny, nx).
+    """Fitted surface of a garment, sampled on a grid. All arrays are (ny, nx).
 
     Attributes:
         z: height above the table, m.
         zx, zy: slopes along world x and y.
         zxx, zxy, zyy: second derivatives, 1/m.
         garment: the garment's mask.
-        inside: where the surface is the garment's and measured (no extrapolation).
-        k_max, k_min: principal curvatures of the surface, 1/m, positive for concave (z up).
+        inside: garment cells with measurements nearby (no extrapolation).
+        k_max, k_min: principal curvatures, 1/m, positive where concave (z up).
         shape_index: [-1, 1].
         classes: uint8, 0 flat, 1 cup ... 9 cap, majority-filtered; 0 outside.
         resolution: metres between samples.
         origin: (2,) world x, y of sample [0, 0].
-        spline: the spline itself; its coordinates start at `origin`.
-        fine: z, zxx, zxy, zyy of the less smoothed surface that wrinkles are measured on (the same
-            arrays where the profile has one smoothing only).
+        spline: the fitted spline; its coordinates start at `origin`.
+        fine: z, zxx, zxy, zyy of the less smoothed surface on which wrinkles are measured; the same
+            arrays if the profile's two smoothing lengths are equal.
     """
 
     z: Floats
@@ -93,20 +97,20 @@ class Surface:
     fine: tuple[Floats, Floats, Floats, Floats]
 
     def world(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """World x, y of (column, row) points (..., 2) on the surface's grid."""
+        """Return the world x, y, metres, of (column, row) points (..., 2)."""
         return self.origin + self.resolution * np.asarray(points, dtype=float)
 
     def cells(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return fractional (column, row) of world points (..., 2)."""
+        """Return the fractional (column, row) of world points (..., 2), metres."""
         return (np.asarray(points, dtype=float) - self.origin) / self.resolution
 
 
 def principal_curvatures(
     zx: Floats, zy: Floats, zxx: Floats, zxy: Floats, zyy: Floats
 ) -> tuple[Floats, Floats]:
-    """Principal curvatures k1 >= k2 of z(x, y), 1/m; a ridge has a negative k2 (z up).
+    """Return the principal curvatures k1 >= k2 of z(x, y), 1/m; k2 is negative on a ridge (z up).
 
-    H^2 - K is clamped at 0 before the root: it goes slightly negative in floats.
+    H^2 - K is clamped at 0 before the root because rounding makes it slightly negative.
     """
     a, b = 1.0 + zx * zx, 1.0 + zy * zy
     g = a + b - 1.0
@@ -117,19 +121,19 @@ def principal_curvatures(
 
 
 def shape_index(k_max: Floats, k_min: Floats) -> Floats:
-    """Shape index S = -(2/pi) atan2(k1 + k2, k1 - k2), k1 >= k2: cup -1 ... ridge 0.5 ... cap 1."""
+    """Return the shape index -(2/pi) atan2(k1 + k2, k1 - k2): cup -1, ridge 0.5, cap 1."""
     index = np.arctan2(k_max + k_min, k_max - k_min)
     index *= np.float32(-2.0 / np.pi)
     return index
 
 
 def curvedness(k_max: Floats, k_min: Floats) -> Floats:
-    """Koenderink's curvedness sqrt((k1^2 + k2^2) / 2), 1/m."""
+    """Return Koenderink's curvedness sqrt((k1^2 + k2^2) / 2), 1/m."""
     return np.sqrt(0.5 * (k_max * k_max + k_min * k_min))
 
 
 def classify(index: Floats, curved: Floats, flat: float) -> Labels:
-    """Nine classes 1 (cup) ... 9 (cap) by CLASS_BOUNDS, and 0 where curvedness < `flat` (1/m)."""
+    """Return the shape classes 1 (cup) to 9 (cap), 0 where the curvedness is below `flat`, 1/m."""
     classes = ((index + np.float32(1.125)) * np.float32(4.0)).astype(np.uint8)
     classes += 1
     np.clip(classes, CUP, CAP, out=classes)
@@ -138,7 +142,7 @@ def classify(index: Floats, curved: Floats, flat: float) -> Labels:
 
 
 def majority_filter(classes: Labels, radius: int) -> Labels:
-    """Majority rank filter: the most frequent class in a (2 * radius + 1)^2 window, lowest on ties.
+    """Return the most frequent class in each (2 * radius + 1)^2 window, the lowest on ties.
 
     Raises:
         InputError: radius < 0 or a window of more than 65535 cells.
@@ -160,7 +164,7 @@ def majority_filter(classes: Labels, radius: int) -> Labels:
 
 
 def crest_direction(zxx: Floats, zxy: Floats, zyy: Floats) -> tuple[Floats, Floats]:
-    """Unit (x, y) of the Hessian's eigenvector with the most negative eigenvalue: across a crest."""
+    """Return the unit (x, y) across a crest: the Hessian's eigenvector of the least eigenvalue."""
     angle = 0.5 * np.arctan2(2.0 * zxy, zxx - zyy)
     return -np.sin(angle), np.cos(angle)
 
@@ -168,14 +172,14 @@ def crest_direction(zxx: Floats, zxy: Floats, zyy: Floats) -> tuple[Floats, Floa
 def fit_surface(range_map: RangeMap, profile: NoiseProfile, *, patches: bool = False) -> Surface:
     """Fit the garment's surface and classify its shape.
 
-    Only cells of the garment that lie off its rim are fitted: the step from cloth to table is not
-    part of the surface. The grid holds SAMPLES_PER_KNOT samples per knot spacing (or the range
-    map's own cells, if those are coarser), so that larger maps cost little more.
+    Garment cells on the rim are left out, because the step from cloth to table is not part of the
+    surface. The grid has SAMPLES_PER_KNOT samples per knot spacing, or the range map's own cells if
+    those are coarser.
 
     Args:
-        range_map: height on the table's grid, metres.
+        range_map: heights above the table.
         profile: the sensor's noise profile.
-        patches: the paper's independent patches in place of one surface.
+        patches: fit the source paper's independent patches instead of one surface.
 
     Raises:
         InputError: no garment, or no measured cell on it away from the rim.
@@ -230,8 +234,27 @@ def fit_surface(range_map: RangeMap, profile: NoiseProfile, *, patches: bool = F
     )
 
 
+def sample(image: Floats, points: NDArray[np.float64]) -> Floats:
+    """Interpolate an image bilinearly at (..., 2) points (column, row); border values outside."""
+    flat = np.ascontiguousarray(points, dtype=np.float32).reshape(-1, 2)
+    if len(flat) == 0:
+        return np.zeros(points.shape[:-1], dtype=np.float32)
+    columns = 1024  # cv2.remap is limited to maps of fewer than 32768 rows
+    rows = -(-len(flat) // columns)
+    grid = np.zeros((rows * columns, 2), dtype=np.float32)
+    grid[: len(flat)] = flat
+    out = cv2.remap(
+        image,
+        grid.reshape(rows, columns, 2),
+        None,
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return np.asarray(out.reshape(-1)[: len(flat)].reshape(points.shape[:-1]))
+
+
 def spread(values: NDArray[_Scalar], surface: Surface, range_map: RangeMap) -> NDArray[_Scalar]:
-    """Put a map of the surface's grid on the range map's grid (nearest sample, 0 elsewhere)."""
+    """Resample values from the surface's grid to the range map's (nearest; 0 elsewhere)."""
     stride = round(surface.resolution / range_map.resolution)
     first = (surface.origin - range_map.origin) / range_map.resolution - 0.5 * (stride - 1)
     column, row = np.rint(first).astype(int).tolist()
@@ -246,7 +269,7 @@ def spread(values: NDArray[_Scalar], surface: Surface, range_map: RangeMap) -> N
 
 
 def _window(range_map: RangeMap, profile: NoiseProfile) -> tuple[slice, slice, int]:
-    """Rows and columns around the garment, with whole blocks of stride cells, and the stride."""
+    """Return the garment's rows and columns, in whole blocks of `stride` cells, and the stride."""
     step = min(profile.knot_spacing / SAMPLES_PER_KNOT, COARSEST_SAMPLE)
     stride = max(1, int(step / range_map.resolution + 1e-6))
     margin = round(profile.knot_spacing / range_map.resolution)
@@ -267,7 +290,7 @@ def _window(range_map: RangeMap, profile: NoiseProfile) -> tuple[slice, slice, i
 def _binned(
     range_map: RangeMap, rows: slice, columns: slice, stride: int, profile: NoiseProfile
 ) -> tuple[Floats, Floats, Mask]:
-    """Weights, mean heights of blocks of stride x stride cells, holes bridged, and the mask."""
+    """Return weights, mean heights (holes filled) and mask of stride x stride blocks."""
     garment = range_map.garment[rows, columns].astype(np.uint8)
     size = (garment.shape[1] // stride, garment.shape[0] // stride)
     valid = range_map.valid[rows, columns].astype(np.float32)
@@ -280,7 +303,7 @@ def _binned(
     rim = _rim(profile) / (range_map.resolution * stride)
     inner = _depth_inside(garment) > rim
     weight = np.where(inner, valid, np.float32(0.0))
-    height, weight = bridged(height, weight, inner, range_map.resolution * stride)
+    height, weight = fill_holes(height, weight, inner, range_map.resolution * stride)
     return weight, height, garment.astype(bool)
 
 
@@ -289,7 +312,7 @@ def _rim(profile: NoiseProfile) -> float:
 
 
 def _depth_inside(mask: NDArray[np.uint8]) -> Floats:
-    """Distance to the mask's rim, cells. The image's own border is no rim."""
+    """Return the distance to the mask's rim, cells; the image border is not a rim."""
     return np.asarray(cv2.distanceTransform(mask, cv2.DIST_L2, 3), dtype=np.float32)
 
 

@@ -1,8 +1,8 @@
-"""From a wrinkle and the garment's contour to the four parameters of both hands.
+"""Flattening target of a wrinkle: grasp points, directions and pull distance of both hands.
 
-The cloth is gripped where the section across the wrinkle, through its centre, leaves the garment on
-either side, and pulled along that section, away from the wrinkle. Through the highest part of the
-wrinkle instead, and by the slack of all that the section crosses, are options.
+The hands grasp where the section perpendicular to the wrinkle leaves the garment on either side,
+and pull along the section, away from the wrinkle. The section goes through the wrinkle's centre or
+its highest part, and the pull removes the slack of the wrinkle or of everything on the section.
 """
 
 from __future__ import annotations
@@ -15,70 +15,75 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from unwrinkle.models.errors import InputError
+from unwrinkle.models.choices import PulledSlack, PullReading, SectionPlace
 from unwrinkle.models.table import Table
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.target import (
-    PULLS,
-    SECTIONS,
     STRETCH_LIMIT,
     STRETCH_MARGIN,
     FlatteningTarget,
     HandTarget,
     NoTarget,
 )
-from unwrinkle.perception.wrinkles.ridges import sample
-from unwrinkle.perception.wrinkles.surface import Surface
+from unwrinkle.perception.wrinkles.surface import Surface, sample
 from unwrinkle.perception.wrinkles.wrinkle import PULL_COEFFICIENT, Wrinkle
 
 Vectors = NDArray[np.float64]
 
-#: Spacing of the contour's points, and the sigma of its smoothing (a window of 3-5 cm), metres.
+#: Spacing of the points of the garment's contour, metres.
 CONTOUR_SPACING = 0.002
+
+#: Sigma of the contour's smoothing, metres (a window of 3 to 5 cm).
 CONTOUR_SIGMA = 0.012
 
-#: Notches and holes of the garment's mask narrower than this are closed, metres.
+#: Width up to which notches and holes of the garment's mask are closed, metres.
 CLOSED_GAP = 0.010
 
-#: The gripper takes the cloth this far inside the contour, along the section, metres.
+#: Distance of the grasp point inside the contour, along the section, metres.
 GRASP_INSET = 0.005
 
-#: Angles between section and contour: sections that meet it at the first or more are preferred,
-#: and one that meets it at less than the second runs along the rim and cannot be pulled by it.
+#: Preferred least angle between section and contour, radians.
 GOOD_CROSSING_ANGLE = math.radians(50.0)
+
+#: Least angle between section and contour, radians; below it the pull runs along the rim.
 LEAST_CROSSING_ANGLE = math.radians(25.0)
 
-#: Length outside the contour that must have been seen (to at least LEAST_SEEN) for it to be one.
+#: Length outside the contour that is checked for measurements, metres: a contour next to unseen
+#: cells may be the limit of the view and not the garment's edge.
 OUTSIDE_PROBE = 0.03
+
+#: Least fraction of that length with measurements.
 LEAST_SEEN = 0.2
 
-#: Sections tried where the one through the centre fails, as shares of the wrinkle's length.
+#: Shifts of the sections that are tried in turn, fractions of the wrinkle's length.
 SECTION_SHIFTS = (0.0, -0.1, 0.1, -0.2, 0.2, -0.3, 0.3, -0.4, 0.4)
-#: Sections keep away from the wrinkle's ends by this share of its length.
+
+#: Least distance of a section from the wrinkle's ends, fraction of its length.
 END_SHARE = 0.1
-#: Sigma of the smoothing of a crest before its highest part is taken, metres.
+
+#: Sigma of the smoothing of the crest height before its maximum is taken, metres.
 CREST_SIGMA = 0.010
 
 
 @dataclass(frozen=True, eq=False)
 class GarmentContour:
-    """The garment's smoothed outer contour. World frame, metres.
+    """Smoothed outer contour of a garment. World frame, metres.
 
     Attributes:
-        points: (n, 2) closed, anti-clockwise seen from above.
-        normals: (n, 2) unit, into the garment.
+        points: (n, 2) closed polygon, anti-clockwise seen from above.
+        normals: (n, 2) unit normals into the garment.
     """
 
     points: Vectors
     normals: Vectors
 
     def contains(self, point: Vectors) -> bool:
-        """Whether (x, y) lies inside."""
+        """Return whether (x, y) lies inside."""
         polygon = self.points.astype(np.float32).reshape(-1, 1, 2)
         return cv2.pointPolygonTest(polygon, (float(point[0]), float(point[1])), False) > 0
 
     def leave(self, start: Vectors, direction: Vectors) -> tuple[float, Vectors] | None:
-        """First crossing of the ray: its distance and the inward normal; None if there is none."""
+        """Return distance, metres, and inward normal at the ray's first crossing, or None."""
         along = (self.points - start) @ direction
         aside = (self.points - start) @ np.array([-direction[1], direction[0]])
         after = np.roll(np.arange(len(along)), -1)
@@ -94,17 +99,17 @@ class GarmentContour:
 
 
 def garment_contour(surface: Surface, near: Vectors | None = None) -> GarmentContour | None:
-    """Return the smoothed outline of the garment, of the piece around `near` if given.
+    """Return the smoothed outer contour of the garment, or of its piece around `near`.
 
-    A sensor's outline is ragged by a few cells, and its raw normals point anywhere. It is resampled
-    evenly and smoothed over CONTOUR_SIGMA, which rounds corners off by a few millimetres.
+    The outline of the mask is ragged by a few cells, which makes its normals unusable. It is
+    resampled evenly and smoothed over CONTOUR_SIGMA, which rounds corners by a few millimetres.
 
     Args:
         surface: the garment's surface.
         near: world x, y; None for the largest piece.
 
     Returns:
-        None when there is no garment there.
+        None if there is no garment there.
     """
     cells = max(1, round(CLOSED_GAP / surface.resolution))
     pad = cells + 1
@@ -140,34 +145,33 @@ def flattening_target(
     wrinkle: Wrinkle,
     *,
     table: Table,
-    mode: str = "foot",
-    section: str = "centre",
-    pull: str = "wrinkle",
+    mode: str = PullReading.FOOT,
+    section: str = SectionPlace.CENTRE,
+    pull: str = PulledSlack.WRINKLE,
 ) -> FlatteningTarget | NoTarget:
-    """Return what both hands do about `wrinkle`, or why nothing can be done.
+    """Compute the flattening target of a wrinkle, or the reason why there is none.
 
-    Tried first is the section through the wrinkle's centre (or its highest part), then sections
-    shifted along it by up to 40 % of its length to each side; then once more, with less demand on
-    the angle between section and contour. Each hand pulls the wrinkle's Eq. 5 distance of `mode`
-    (or Eq. 5 of the whole section), less where the grippers would otherwise end more than
-    STRETCH_LIMIT x geodesic distance apart.
+    The section through the wrinkle's centre (or highest part) is tried first, then sections shifted
+    along the wrinkle by up to 40 % of its length to each side; then all again with the smaller
+    limit of the angle between section and contour. Each hand pulls the wrinkle's Eq. 5 distance (or
+    Eq. 5 of the whole section), limited so that the grippers end at most STRETCH_LIMIT x geodesic
+    distance apart.
 
     Args:
-        range_map: what the surface was fitted to; tells where the sensor saw anything.
+        range_map: the range map of the surface; its valid mask shows what the sensor measured.
         surface: the garment's surface.
-        wrinkle: which wrinkle.
+        wrinkle: the wrinkle to flatten.
         table: the working table; grasp points stay on it.
-        mode: one of MODES.
-        section: one of SECTIONS: where along the wrinkle.
-        pull: one of PULLS: the slack of the wrinkle, by Eq. 5 in `mode`, or of all that the section
-            crosses, from grasp point to grasp point.
+        mode: reading of Eq. 5, see `PullReading`.
+        section: where along the wrinkle the section lies, see `SectionPlace`.
+        pull: slack to remove, see `PulledSlack`; that of the section is counted from grasp point to
+            grasp point.
 
     Raises:
         InputError: unknown mode, section or pull.
     """
-    wrinkle.pull_distance(mode)  # refuses an unknown mode before any work
-    if pull not in PULLS:
-        raise InputError(f"pull {pull!r}: must be one of {', '.join(PULLS)}")
+    reading = PullReading(mode)
+    pulled = PulledSlack(pull)
     middle = section_place(wrinkle, section)
     contour = garment_contour(surface, wrinkle.centre)
     if contour is None:
@@ -180,7 +184,7 @@ def flattening_target(
         for share in shares:
             start = section_start(wrinkle, share)
             target = _section_target(
-                range_map, surface, wrinkle, contour, start, mode, pull, table, least
+                range_map, surface, wrinkle, contour, start, reading, pulled, table, least
             )
             if isinstance(target, FlatteningTarget):
                 return target
@@ -190,19 +194,17 @@ def flattening_target(
 
 
 def section_place(wrinkle: Wrinkle, section: str) -> float:
-    """Where along a wrinkle its section goes, as a share of its length.
+    """Return the place of the section along a wrinkle, as a fraction of its length.
 
     Args:
-        wrinkle: which.
-        section: "centre", or "highest" for the highest part of the crest, smoothed over
-            CREST_SIGMA, but not nearer to an end than END_SHARE.
+        wrinkle: the wrinkle.
+        section: see `SectionPlace`. The highest part is the maximum of the crest height, smoothed
+            over CREST_SIGMA, at least END_SHARE from the ends.
 
     Raises:
         InputError: an unknown section.
     """
-    if section not in SECTIONS:
-        raise InputError(f"section {section!r}: must be one of {', '.join(SECTIONS)}")
-    if section == "centre":
+    if SectionPlace(section) is SectionPlace.CENTRE:
         return 0.5
     run = _run(wrinkle)
     spacing = float(np.median(np.diff(run)))
@@ -214,7 +216,7 @@ def section_place(wrinkle: Wrinkle, section: str) -> float:
 
 
 def section_start(wrinkle: Wrinkle, share: float) -> Vectors:
-    """Point (3,) of a wrinkle where a section at a share of its length crosses it; at 0.5 its centre."""
+    """Return the point (3,) of the ridge at a fraction of its length; at 0.5 the centre."""
     run = _run(wrinkle)
     start = np.array([np.interp(share * run[-1], run, wrinkle.curve[:, i]) for i in range(3)])
     if share == 0.5:
@@ -223,7 +225,7 @@ def section_start(wrinkle: Wrinkle, share: float) -> Vectors:
 
 
 def _run(wrinkle: Wrinkle) -> Vectors:
-    """Horizontal distance (n,) of the points of a wrinkle's curve from its first, along it."""
+    """Return the horizontal arc length (n,), metres, along a wrinkle's curve."""
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(wrinkle.curve[:, :2], axis=0).T))])
 
 
@@ -233,8 +235,8 @@ def _section_target(
     wrinkle: Wrinkle,
     contour: GarmentContour,
     start: Vectors,
-    mode: str,
-    pull: str,
+    reading: PullReading,
+    pulled: PulledSlack,
     table: Table,
     least_angle: float,
 ) -> FlatteningTarget | NoTarget:
@@ -252,11 +254,11 @@ def _section_target(
             return NoTarget(problem)
         ends.append((grasp, inward, outward))
     geodesic = section_length(surface, ends[0][0], ends[1][0])
-    # Both hands move straight apart along the section: apart + 2 d <= limit x geodesic - margin.
+    # Both hands move apart along the section: apart + 2 d <= limit x geodesic - margin.
     apart = float(np.hypot(*(ends[1][0] - ends[0][0])))
     most = max(0.5 * (STRETCH_LIMIT * geodesic - apart - STRETCH_MARGIN), 0.0)
     slack = PULL_COEFFICIENT * max(geodesic - apart, 0.0)
-    asked = slack if pull == "section" else wrinkle.pull_distance(mode)
+    asked = slack if pulled is PulledSlack.SECTION else wrinkle.pull_distance(reading)
     hands = [
         HandTarget(
             p_WG=np.array([*grasp, range_map.table_height]),
@@ -271,14 +273,15 @@ def _section_target(
         p_WC=start,
         wrinkle_direction=wrinkle.direction,
         geodesic_distance=geodesic,
-        mode=mode,
+        mode=reading,
     )
 
 
 def section_length(surface: Surface, start: Vectors, end: Vectors) -> float:
-    """Arc length of the surface's section between two world points (x, y), metres.
+    """Return the arc length of the surface's section between two world points (x, y), metres.
 
-    An upper bound of the geodesic distance, equal to it on a cylinder square to the section.
+    It is an upper bound of the geodesic distance, and equal to it on a cylinder whose axis is
+    perpendicular to the section.
     """
     span = float(np.hypot(*(end - start)))
     count = max(2, round(2.0 * span / surface.resolution) + 1)
@@ -298,7 +301,7 @@ def _problem(
     table: Table,
     least_angle: float,
 ) -> str | None:
-    """Why this grasp point will not do; None if it will."""
+    """Return the reason why a grasp point is unusable, or None."""
     place = f"at ({edge[0]:.3f}, {edge[1]:.3f})"
     overhang = table.overhang(grasp)
     if overhang > 0.0:
@@ -309,8 +312,9 @@ def _problem(
     seen = _seen_outside(range_map, edge, outward)
     if seen < LEAST_SEEN:
         return (
-            f"what lies outside the garment's contour {place} was not seen (the image's border, or the "
-            f"shadow of a fold): only {seen:.0%} of {OUTSIDE_PROBE} m; move the camera or the garment"
+            f"what lies outside the garment's contour {place} was not seen (the image's border, or "
+            f"the shadow of a fold): only {seen:.0%} of {OUTSIDE_PROBE} m; move the camera or the "
+            "garment"
         )
     angle = math.asin(min(max(float(-inward @ outward), -1.0), 1.0))
     if angle < least_angle:
@@ -324,7 +328,7 @@ def _problem(
 
 
 def _seen_outside(range_map: RangeMap, edge: Vectors, outward: Vectors) -> float:
-    """Share of the OUTSIDE_PROBE just outside the contour where the sensor measured."""
+    """Return the fraction of OUTSIDE_PROBE outside the contour where the sensor measured."""
     steps = np.linspace(0.2, 1.0, 16)[:, None] * OUTSIDE_PROBE
     cells = np.rint(range_map.cell_from_world(edge + steps * outward)).astype(int)
     ny, nx = range_map.shape

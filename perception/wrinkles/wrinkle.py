@@ -1,8 +1,8 @@
-"""A wrinkle and its measures: curve, triplets, width, height, volume and pull distance.
+"""Wrinkle measurement: ridge curve, triplets, width, height, volume score and pull distance.
 
-Equations are those of the source paper (dual-arm flattening with a stereo head), corrected:
-Eq. 2 takes the square root of Heron's product (without it the height comes out in m^3), Eq. 4 and 5
-average over the matched triplets and Eq. 4 takes its logarithms of millimetres.
+Equation numbers are those of the source paper (dual-arm flattening with a stereo head), with these
+corrections: Eq. 2 takes the square root of Heron's product (otherwise the height is in m^3), Eq. 4
+and 5 average over the matched triplets, and Eq. 4 takes logarithms of lengths in millimetres.
 """
 
 from __future__ import annotations
@@ -15,43 +15,42 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
+from unwrinkle.models.choices import PullReading
 from unwrinkle.perception.sensor import NoiseProfile
-from unwrinkle.perception.target import MODES
-from unwrinkle.perception.wrinkles.cross_section import Flank
+from unwrinkle.perception.wrinkles.cross_section import CrossSectionSide
 from unwrinkle.perception.wrinkles.ridges import Line
 from unwrinkle.perception.wrinkles.surface import Surface
 
 Vectors = NDArray[np.float64]
 
-#: Eq. 5's coefficient.
+#: Coefficient of Eq. 5.
 PULL_COEFFICIENT = 1.10
 
-#: A crest falls off to both sides, the edge of a cloth layer to one (the smoothed step overshoots,
-#: hence to a quarter on the other): least ratio of the two falls, in the median triplet. On real
-#: captures layers' edges lie below 0.35 and folds above 0.5.
+#: Least ratio of the descents to both sides of a crest, median over the triplets. The edge of a
+#: cloth layer descends to one side (to about a quarter on the other, because the smoothed step
+#: overshoots). On real captures layer edges are below 0.35, folds above 0.5.
 LEAST_FALL_RATIO = 0.4
 
-#: Lower ridges are the cloth's own texture, or the ripple that a smoothed step leaves beside it.
+#: Least ridge height, metres; lower ones are cloth texture or the overshoot beside a smoothed step.
 LEAST_PEAK = 0.001
 
-#: Of the samples along a ridge, at least this share must have contours on both sides.
+#: Least fraction of the samples along a ridge that must have contours on both sides.
 LEAST_YIELD = 0.5
 
-#: A curve of degree 5 must be longer than this many shortest wrinkles; degree 2 otherwise.
+#: Least length of a curve of degree 5, multiples of `wrinkle_length`; shorter curves get degree 2.
 QUINTIC_LENGTHS = 2.0
 
-#: A ridge line that its curve misses by more than this share of its extent (rms) is cut in two.
+#: RMS misfit of the curve, as a fraction of its extent, above which a ridge line is cut in two.
 MOST_MISFIT = 0.04
 
-#: So is one whose curve turns further than this from its principal direction (slope of 50 deg): a
-#: wrinkle has one direction, and is pulled square to it.
+#: Slope of the curve against its principal direction (50 deg) above which it is cut in two: the
+#: pull is perpendicular to the principal direction.
 MOST_SLOPE = 1.2
 
 
 @dataclass(frozen=True, eq=False)
 class Wrinkle:
-    """One wrinkle, in the world frame W, metres.
+    """One wrinkle. World frame W, metres.
 
     Attributes:
         centre: (2,) point of the ridge line half-way along its length.
@@ -63,7 +62,7 @@ class Wrinkle:
         peak_height: median height of the ridge over the line between its feet.
         volume_score: Eq. 4, log(length) + log(mean(width * height)), in millimetres.
         pull_distance_paper: Eq. 5 between the contours.
-        pull_distance_foot: Eq. 5 between the feet: all of the slack.
+        pull_distance_foot: Eq. 5 between the feet, which covers all of the slack.
         curve: (n, 3) points of the ridge line.
         crests: (nt, 3) the ridge point of each triplet.
         contours: two (nt, 3) arrays, the contour points on the -n and +n side, n = (-dy, dx).
@@ -93,18 +92,26 @@ class Wrinkle:
 
     @property
     def normal(self) -> Vectors:
-        """(2,) unit normal n = (-dy, dx) of the direction."""
+        """Unit normal (2,) of the direction (dx, dy): (-dy, dx)."""
         return np.array([-self.direction[1], self.direction[0]])
 
     def pull_distance(self, mode: str) -> float:
-        """Eq. 5 in one of MODES. Raises InputError for any other."""
-        if mode not in MODES:
-            raise InputError(f"mode {mode!r}: must be one of {', '.join(MODES)}")
-        paper, foot = self.pull_distance_paper, self.pull_distance_foot
-        return {"paper": paper, "foot": foot, "between": 0.5 * (paper + foot)}[mode]
+        """Return the pull distance by one `PullReading` of Eq. 5, metres.
+
+        Raises:
+            InputError: an unknown reading.
+        """
+        contour, foot = self.pull_distance_paper, self.pull_distance_foot
+        match PullReading(mode):
+            case PullReading.FOOT:
+                return foot
+            case PullReading.CONTOUR:
+                return contour
+            case PullReading.MEAN:
+                return 0.5 * (contour + foot)
 
     def to_json(self, *, points: bool = False) -> dict[str, Any]:
-        """Return plain numbers and lists; the point lists only if asked for."""
+        """Return plain numbers and lists; with `points`, also the point lists."""
         plain: dict[str, Any] = {
             "centre": self.centre.tolist(),
             "direction": self.direction.tolist(),
@@ -127,10 +134,10 @@ class Wrinkle:
 
 
 def triplet_height(a: Vectors, b: Vectors, c: Vectors) -> Vectors:
-    """Height of triangles over side c, Eq. 2 corrected: 2 sqrt(d(d-a)(d-b)(d-c)) / c.
+    """Return the height of triangles over side c, metres: 2 sqrt(d(d-a)(d-b)(d-c)) / c.
 
-    The paper's numerator is meant to be the triangle's area but lacks Heron's square root. The
-    product is clamped at 0 (it goes slightly negative in floats); c = 0 gives 0.
+    This is Eq. 2 with the square root of Heron's formula that the source paper lacks;
+    d = (a + b + c) / 2. The product is clamped at 0 against rounding; c = 0 gives 0.
     """
     d = 0.5 * (a + b + c)
     heron = np.maximum(d * (d - a) * (d - b) * (d - c), 0.0)
@@ -138,18 +145,17 @@ def triplet_height(a: Vectors, b: Vectors, c: Vectors) -> Vectors:
 
 
 def volume_score(length: float, widths: Vectors, heights: Vectors) -> float:
-    """Eq. 4: log(length) + log(mean over the matched triplets of width * height), in mm."""
+    """Return Eq. 4: log(length) + log(mean of width * height over the triplets), lengths in mm."""
     return math.log(1e3 * length) + math.log(1e6 * float(np.mean(widths * heights)))
 
 
 def wrinkles_of(line: Line, surface: Surface, profile: NoiseProfile, table: float) -> list[Wrinkle]:
-    """Measure the wrinkle(s) along one linked ridge line.
+    """Measure the wrinkles along one linked ridge line.
 
-    A line that no single curve fits (it turns back on itself) gives more than one. Lines without
-    enough triplets, too low for their length to be told from the sensor's noise, or falling off to
-    one side only (the edge of a cloth layer lying on another) give none. A triplet counts only where
-    both feet of the ridge stand on the garment: where the cloth rolls down to the table it is its
-    rim.
+    A line that no single curve fits is cut and gives several wrinkles. A line gives none if it has
+    too few triplets, is too low for its length to be distinguished from the sensor's noise, or
+    descends to one side only (the edge of a cloth layer on another). Triplets whose feet are not
+    both on the garment are left out (the garment's rim).
 
     Args:
         line: (n, 2) ordered (column, row) on the surface's grid.
@@ -159,19 +165,19 @@ def wrinkles_of(line: Line, surface: Surface, profile: NoiseProfile, table: floa
     """
     wrinkles = []
     for curve, across in _curves(line, surface, profile):
-        flanks = _both_sides(curve, across, surface, profile, fine=True)
-        found = flanks[0].found & flanks[1].found
+        sides = _both_sides(curve, across, surface, profile, fine=True)
+        found = sides[0].found & sides[1].found
         crest = found
         if surface.fine[0] is not surface.z:
             coarse = _both_sides(curve, across, surface, profile, fine=False)
             crest = coarse[0].found & coarse[1].found
             falls = _falls(coarse)
         else:
-            falls = _falls(flanks)
+            falls = _falls(sides)
         for run in _runs(found, round(profile.link_gap / profile.triplet_spacing)):
             if not _is_crest(falls[:, run], crest[run]):
                 continue
-            wrinkle = _measure(curve, flanks, found, run, surface, profile, table)
+            wrinkle = _measure(curve, sides, found, run, surface, profile, table)
             if wrinkle is not None:
                 wrinkles.append(wrinkle)
     return wrinkles
@@ -179,22 +185,23 @@ def wrinkles_of(line: Line, surface: Surface, profile: NoiseProfile, table: floa
 
 def _both_sides(
     curve: Line, across: Line, surface: Surface, profile: NoiseProfile, *, fine: bool
-) -> tuple[Flank, Flank]:
+) -> tuple[CrossSectionSide, CrossSectionSide]:
     return (
-        Flank(curve, -across, surface, profile, fine=fine),
-        Flank(curve, across, surface, profile, fine=fine),
+        CrossSectionSide(curve, -across, surface, profile, fine=fine),
+        CrossSectionSide(curve, across, surface, profile, fine=fine),
     )
 
 
-def _falls(flanks: tuple[Flank, Flank]) -> Vectors:
-    """Heights (2, samples) of the ridge over its feet, metres."""
-    return np.stack([flank.z[:, 0] - flank.at(flank.foot)[1] for flank in flanks])
+def _falls(sides: tuple[CrossSectionSide, CrossSectionSide]) -> Vectors:
+    """Return the heights (2, samples) of the ridge over its two feet, metres."""
+    return np.stack([side.z[:, 0] - side.at(side.foot)[1] for side in sides])
 
 
 def _is_crest(falls: Vectors, found: NDArray[np.bool_]) -> bool:
-    """Whether the ridge falls off to both sides; judged on the smoother surface, which rings less.
+    """Return whether the ridge descends to both sides, by its heights over the feet.
 
-    Next to a sharp step the finer surface overshoots enough to look like a ridge.
+    Callers pass heights of the smoother surface: beside a sharp step the finer one overshoots
+    enough to resemble a ridge.
     """
     if np.count_nonzero(found) < LEAST_YIELD * len(found):
         return False
@@ -204,7 +211,7 @@ def _is_crest(falls: Vectors, found: NDArray[np.bool_]) -> bool:
 
 
 def _runs(found: NDArray[np.bool_], gap: int) -> list[slice]:
-    """Stretches of samples from triplet to triplet, with at most `gap` samples without between."""
+    """Return the runs of samples with triplets, allowing gaps of at most `gap` samples."""
     where = np.flatnonzero(found)
     if len(where) == 0:
         return []
@@ -215,10 +222,10 @@ def _runs(found: NDArray[np.bool_], gap: int) -> list[slice]:
 
 
 def _curves(line: Line, surface: Surface, profile: NoiseProfile) -> list[tuple[Line, Line]]:
-    """Fit the line by y(x) in its own principal frame; return sampled points and unit normals.
+    """Fit a polynomial y(x) in the line's principal frame; return sampled points and unit normals.
 
-    Degree 5 on an argument scaled to +-1; degree 2 when the line is short. A line that is not one
-    y(x) is cut where it lies furthest from the chord between its ends.
+    The argument is scaled to [-1, 1]; the degree is 5, or 2 for short lines. A line that is not a
+    function y(x) is cut at its furthest point from the chord between its ends.
     """
     centre = line.mean(axis=0)
     _, _, axes = np.linalg.svd(line - centre, full_matrices=False)
@@ -247,13 +254,15 @@ def _curves(line: Line, surface: Surface, profile: NoiseProfile) -> list[tuple[L
     points = centre + scale * (t[:, None] * axes[0] + fit(t)[:, None] * axes[1])
     normals = (axes[1] - slope * axes[0]) / np.sqrt(1.0 + slope**2)
     if axes[0] @ np.array([normals[0, 1], -normals[0, 0]]) < 0.0:
-        normals = -normals  # normal = (-dy, dx) of the tangent, for the two sides' names
+        normals = (
+            -normals
+        )  # normal = (-dy, dx) of the tangent, so that the sides are labelled consistently
     return [(points, normals)]
 
 
 def _measure(
     curve: Line,
-    flanks: tuple[Flank, Flank],
+    sides: tuple[CrossSectionSide, CrossSectionSide],
     found: NDArray[np.bool_],
     run: slice,
     surface: Surface,
@@ -270,13 +279,13 @@ def _measure(
     def world(points: Line, height: NDArray[Any]) -> Vectors:
         return np.column_stack([surface.world(points), height + table])
 
-    crests = world(curve, flanks[0].z[:, 0])
+    crests = world(curve, sides[0].z[:, 0])
     contours, feet, arcs_contour, arcs_foot = [], [], [], []
-    for flank in flanks:
-        points, height, arc = flank.at(flank.contour)
+    for side in sides:
+        points, height, arc = side.at(side.contour)
         contours.append(world(points, height)[ok])
         arcs_contour.append(arc[ok])
-        points, height, arc = flank.at(flank.foot)
+        points, height, arc = side.at(side.foot)
         feet.append(world(points, height)[ok])
         arcs_foot.append(arc[ok])
     peaks, ridge = crests[ok], crests[run]
@@ -318,7 +327,7 @@ def _measure(
 
 
 def _height_over(points: Vectors, starts: Vectors, ends: Vectors) -> Vectors:
-    """Heights of points over the lines from starts to ends, all (n, 3), straight above."""
+    """Return the vertical heights, metres, of points over the lines from starts to ends, (n, 3)."""
     span = ends - starts
     squared = np.maximum(np.sum(span[:, :2] ** 2, axis=1), 1e-12)
     share = np.sum((points - starts)[:, :2] * span[:, :2], axis=1) / squared

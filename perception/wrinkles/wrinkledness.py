@@ -1,12 +1,12 @@
-"""Wrinkledness: the entropy of normals around a point, and the grasp point it proposes.
+"""Wrinkledness: entropy of the surface normals around a point, and the best grasp point by it.
 
-The measure is that of A. Ramisa et al., "Using depth and appearance features for informed robot
-grasping of highly wrinkled clothes", ICRA 2012: the joint histogram of inclination and azimuth of
-the normals in a 33 x 33 window. Bins are not given with it: 8 x 8 here, natural logarithm.
+A. Ramisa et al., "Using depth and appearance features for informed robot grasping of highly
+wrinkled clothes", ICRA 2012: entropy of the joint histogram of inclination and azimuth of the
+normals in a 33 x 33 window. The paper does not state the bins; here 8 x 8, natural logarithm.
 
-Two things are added. On flat cloth the azimuth is mere noise, so normals that hardly tilt share one
-bin. And concave spots score as high as ridges though no finger can pinch them: the grasp point is
-sought on the entropy times the convex part of the mean curvature.
+Two additions: on flat cloth the azimuth is noise, so normals of small inclination share one bin;
+and because concave spots, which fingers cannot pinch, have as much entropy as ridges, the grasp
+point maximises the entropy times the convex part of the mean curvature.
 """
 
 from dataclasses import dataclass
@@ -20,15 +20,22 @@ from unwrinkle.models import InputError
 from unwrinkle.perception.sensor import NoiseProfile
 from unwrinkle.perception.wrinkles.surface import Surface
 
-BINS = (8, 8)  # inclination over 0..pi/2, azimuth over 0..2 pi
+#: Histogram bins of inclination (0 to pi/2) and azimuth (0 to 2 pi).
+BINS = (8, 8)
+
+#: Side of the window, cells.
 WINDOW = 33
+
+#: Label of cells without a normal.
 _NO_BIN = 255
-_LEAST_SHARE = 0.6  # of a window on the garment, for its centre to be proposed
+
+#: Least fraction of a window on the garment for its centre to be a grasp point.
+_MIN_GARMENT_FRACTION = 0.6
 
 
 @dataclass(frozen=True, eq=False)
 class Wrinkledness:
-    """Entropy of normals, and where to grasp by it.
+    """Entropy of the normals on a grid, and the grasp point.
 
     Attributes:
         entropy: (ny, nx) float32, nats; 0 outside.
@@ -59,7 +66,7 @@ def normal_bins(
         zx, zy: (ny, nx) slopes.
         inside: (ny, nx) bool, which normals count.
         flat_inclination: radians; normals that tilt less all go to bin 0.
-        bins: of inclination and azimuth; at most 255 in all.
+        bins: numbers of inclination and azimuth bins; their product is at most 255.
 
     Raises:
         InputError: too many bins.
@@ -70,7 +77,7 @@ def normal_bins(
     zy32 = np.ascontiguousarray(zy, dtype=np.float32)
     slope = cv2.magnitude(zx32, zy32)
     azimuth = cv2.phase(-zx32, -zy32)
-    # Bounds of inclination are compared as slopes: tan is monotone, arctan is slow.
+    # Compare slopes with the tangents of the bounds: cheaper than arctan of every slope.
     bounds = np.tan(np.arange(1, bins[0]) * (0.5 * np.pi / bins[0])).astype(np.float32)
     inclined = np.zeros(slope.shape, dtype=np.uint8)
     for bound in bounds:
@@ -84,7 +91,7 @@ def normal_bins(
 
 
 def window_entropy(labels: NDArray[np.uint8], window: int = WINDOW) -> NDArray[np.float32]:
-    """Entropy (nats) of the labels in the square window around each cell, 255 not counted.
+    """Return the entropy, nats, of the labels in the window around each cell; 255 is ignored.
 
     H = log N - sum(n log n) / N over the bins' counts n: one box filter per bin that occurs.
 
@@ -118,7 +125,7 @@ def window_entropy(labels: NDArray[np.uint8], window: int = WINDOW) -> NDArray[n
 
 
 def wrinkledness(surface: Surface, profile: NoiseProfile) -> Wrinkledness:
-    """Entropy of normals over the garment's surface, and the grasp point that it proposes."""
+    """Compute the entropy of the normals over the garment's surface, and the grasp point."""
     cells = int(np.clip(round(profile.wrinkledness_window / surface.resolution), 3, 255))
     window = cells | 1 if cells < 255 else 255
     labels = normal_bins(
@@ -132,7 +139,7 @@ def wrinkledness(surface: Surface, profile: NoiseProfile) -> Wrinkledness:
     share = cv2.boxFilter(
         surface.inside.astype(np.float32), -1, (window, window), borderType=cv2.BORDER_CONSTANT
     )
-    score[~surface.inside | (np.asarray(share) < _LEAST_SHARE)] = 0.0
+    score[~surface.inside | (np.asarray(share) < _MIN_GARMENT_FRACTION)] = 0.0
     score[~np.isfinite(score)] = 0.0
     point = None
     if score.max() > 0.0:

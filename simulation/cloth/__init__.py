@@ -1,1 +1,1 @@
-"""The simulated cloth: solver, garments, initial states, measures of its true shape."""
+"""Cloth simulation: XPBD solver, garments, initial states, shape measures."""

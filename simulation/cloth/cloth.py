@@ -1,9 +1,10 @@
-"""A simulated cloth on a table: small-step XPBD on a structured grid, with plastic bending.
+"""Cloth on a table: small-step XPBD on a structured grid, with plastic bending.
 
-Every substep (Macklin 2019, "Small steps in physics simulation") moves the nodes by their velocities
-and then corrects the positions once by each element: shear along the diagonals and the yarns of both
-directions, each line of nodes exactly; bending along four directions; the cloth against itself; table
-and floor with exact stick. One thread and no reductions: the same input gives the same bits.
+Every substep (Macklin 2019, "Small steps in physics simulation") predicts the positions by the
+velocities and then projects each constraint once: shear along the diagonals and yarns in both
+directions, each line of nodes by a direct solver; bending along four directions; self-contact;
+contact with table and floor with exact stiction. The solver runs on one thread without reductions,
+so that results are reproducible bit by bit.
 """
 
 import dataclasses as dc
@@ -30,23 +31,40 @@ from unwrinkle.simulation.cloth.state import (
 
 __all__ = ["Cloth", "ClothError", "ClothState", "Grip"]
 
-GRAVITY = (0.0, 0.0, -9.81)  # m/s^2
-GRASP_RADIUS = 0.015  # m: of the patch that a closed gripper holds
-STRIDE_TIME = 0.020  # s: how often it is asked whether the cloth sleeps
-QUIET_SPEED = 2e-3  # m/s: slower than this, on average over that time, is at rest
-QUIET_SHARE = 0.995  # of the nodes; layers pressed together may tremble in a few places
-QUIET_REST = 5.0  # times that speed none of the others may reach
-QUIET_TIME = 0.1  # s: at rest for so long, it falls asleep
-MOST_HAND_SPEED = 5.0  # m/s: a faster hand is a jump, not a motion
-_STILL = 1e-6  # m: a hand that moved its nodes by less has not moved
+#: Gravity in the world, m/s^2.
+GRAVITY = (0.0, 0.0, -9.81)
+
+#: Radius of the patch that a closed gripper holds, m.
+GRASP_RADIUS = 0.015
+
+#: Interval of the sleep test, s.
+STRIDE_TIME = 0.020
+
+#: Mean speed over that interval below which a node is at rest, m/s.
+QUIET_SPEED = 2e-3
+
+#: Fraction of the nodes that must be at rest; compressed layers may jitter in a few places.
+QUIET_SHARE = 0.995
+
+#: Limit of the other nodes' speed, multiples of the rest speed.
+QUIET_REST = 5.0
+
+#: Time at rest after which the cloth falls asleep, s.
+QUIET_TIME = 0.1
+
+#: Limit of a hand's speed, m/s; a faster motion is refused as a jump.
+MOST_HAND_SPEED = 5.0
+
+#: Displacement of the held nodes below which a hand is at rest, m.
+_STILL_M = 1e-6
 
 Hands = Sequence[NDArray[np.floating[Any]] | None]
 
 
 class Cloth:
-    """A garment of a material on a table: how its states follow from each other.
+    """Simulator of a garment of a material on a table.
 
-    Holds no state but scratch memory. The first call compiles the kernels (about 15 s; cached on disk).
+    It holds scratch memory but no state. The first call compiles the kernels (about 15 s; cached).
     """
 
     def __init__(
@@ -63,16 +81,16 @@ class Cloth:
         """Prepare the solver.
 
         Args:
-            outline: which nodes are cloth.
+            outline: nodes of the cloth.
             material: of the cloth.
-            table: cloth beyond its edge falls to the floor at z = 0.
-            time_step: of one substep, s.
-            gravity: in the world, m/s^2; tilted, the table is an incline.
-            clamped: numbers of nodes that stay where they are.
-            grasp_radius: of the patch around a tool's tip that its gripper holds, m.
+            table: supports the cloth; beyond its edge cloth falls to the floor at z = 0.
+            time_step: duration of a substep, s.
+            gravity: in the world, m/s^2; a tilted vector simulates an inclined table.
+            clamped: numbers of fixed nodes.
+            grasp_radius: radius of the patch around a tool's tip that its gripper holds, m.
 
         Raises:
-            InputError: an impossible value, or a time step too long for the material.
+            InputError: a value is out of range, or the time step is too long for the material.
         """
         material.check()
         if not (np.isfinite(time_step) and 0.0 < time_step <= 5e-3):
@@ -119,33 +137,33 @@ class Cloth:
 
     @property
     def flat_height(self) -> float:
-        """Height of the nodes of a cloth that lies flat on the table, m: half its thickness above."""
+        """World z of a flat cloth's nodes, m: half its thickness above the table."""
         return self.table.height + 0.5 * self.material.thickness
 
     @property
     def numbers(self) -> NDArray[np.intp]:
-        """Numbers in the grid of the nodes that are cloth, (n,); the order of `vertices`."""
+        """Grid numbers (n,) of the nodes that are cloth, in the order of `vertices`."""
         return self._arrays.numbers
 
     @property
     def triangles(self) -> NDArray[np.intp]:
-        """Corners among `vertices`, (m, 3), counter-clockwise seen from above a flat cloth."""
+        """Triangles (m, 3) of indices into `vertices`, counter-clockwise seen from above."""
         return self._arrays.triangles
 
     @property
     def rest(self) -> NDArray[np.float64]:
-        """Where the vertices are in the cloth's own plane, (n, 2), m."""
+        """Positions (n, 2) of the vertices in the cloth's plane, m."""
         return self._arrays.rest
 
     @property
     def boundary(self) -> NDArray[np.intp]:
-        """Numbers of the vertices on the garment's border, (k,)."""
+        """Indices (k,) of the vertices on the garment's border."""
         cells = np.pad(self.outline.cells, 1)
         inner = cells[:-1, :-1] & cells[1:, :-1] & cells[:-1, 1:] & cells[1:, 1:]
         return np.flatnonzero(~inner.ravel()[self.numbers])
 
     def vertices(self, state: ClothState) -> NDArray[np.float64]:
-        """Return the world places of the nodes that are cloth, (n, 3), m."""
+        """Return the world positions (n, 3) of the nodes that are cloth, m."""
         self._check(state)
         return state.positions[:, self.numbers].T.copy()
 
@@ -153,11 +171,11 @@ class Cloth:
         """Return the cloth flat on the table, asleep.
 
         Args:
-            centre: world x, y of the middle of its grid, m.
-            yaw: of its x axis from the world's, rad.
+            centre: world x, y of the centre of its grid, m.
+            yaw: angle of its x axis from the world's, rad.
 
         Raises:
-            InputError: not finite, or a part would not lie on the table.
+            InputError: a value is not finite, or a part of the cloth is off the table.
         """
         if np.shape(centre) != (2,) or not np.isfinite([*centre, yaw]).all():
             raise InputError(f"cloth: centre {centre}, yaw {yaw}; give finite (x, y) and angle")
@@ -175,12 +193,12 @@ class Cloth:
         return ClothState(0.0, positions, zeros, np.zeros((4, self.size)), asleep=True)
 
     def grip(self, state: ClothState, hand: int, X_WT: NDArray[np.floating[Any]]) -> ClothState:
-        """Close a gripper: it holds what is within the grasp radius of its tip (T's origin).
+        """Close a gripper; it holds the nodes within the grasp radius of its tip (T's origin).
 
-        Where nothing is, `grips[hand]` stays None: it missed. Nodes in the other hand stay there.
+        Without such nodes `grips[hand]` stays None. Nodes in the other hand stay there.
 
         Raises:
-            InputError: bad pose, no such hand, or it holds something already.
+            InputError: bad pose, unknown hand, or the hand holds cloth already.
         """
         self._check(state)
         self._check_hand(hand)
@@ -200,10 +218,10 @@ class Cloth:
         return dc.replace(state, grips=_with(state.grips, hand, Grip(nodes, p_TN, pose)))
 
     def release(self, state: ClothState, hand: int) -> ClothState:
-        """Open a gripper; a state whose hand holds nothing comes back as it is.
+        """Open a gripper; return the state unchanged if the hand holds nothing.
 
         Raises:
-            InputError: no such hand.
+            InputError: unknown hand.
         """
         self._check(state)
         self._check_hand(hand)
@@ -214,16 +232,16 @@ class Cloth:
     def advance(
         self, state: ClothState, duration: float, hands: Hands = (None, None)
     ) -> ClothState:
-        """Return the state `duration` later.
+        """Advance a state by a duration.
 
         Args:
-            state: of this cloth. Asleep and no hand moving, it comes back with its time advanced.
+            state: a state of this cloth. If it is asleep and no hand moves, only its time advances.
             duration: s, a multiple of the time step.
-            hands: X_WT (4, 4) of the right and the left tool at the end; None, or a hand that holds
-                nothing, is left out. The held nodes go there in straight lines.
+            hands: X_WT (4, 4) of the right and the left tool at the end; None for no motion. Held
+                nodes move there along straight lines.
 
         Raises:
-            InputError: bad duration, pose or state, or a hand that jumps.
+            InputError: bad duration, pose or state, or a hand is too fast.
             ClothError: the solver failed.
         """
         self._check(state)
@@ -232,13 +250,13 @@ class Cloth:
     def settle(
         self, state: ClothState, most: float = 3.0, speed: float = QUIET_SPEED
     ) -> ClothState:
-        """Return the state when it has come to rest, or after `most` seconds.
+        """Advance a state until it is at rest, for at most `most` seconds.
 
-        At rest is: for 0.1 s, 99.5 % of the nodes have on average been slower than `speed` (m/s), and none
-        five times as fast; the state is then asleep.
+        At rest: for 0.1 s the mean speed of 99.5 % of the nodes is below `speed` (m/s) and that of
+        the others below five times `speed`. The state is then asleep.
 
         Raises:
-            InputError: bad time or speed.
+            InputError: the speed is not usable, or the time is not finite.
             ClothError: the solver failed.
         """
         self._check(state)
@@ -268,7 +286,7 @@ class Cloth:
                 f"cloth: a hand moves its cloth {travel:.3f} m in {duration:g} s; "
                 "give its pose at shorter intervals"
             )
-        moving = travel > _STILL
+        moving = travel > _STILL_M
         if state.asleep and not moving:
             return dc.replace(state, time=state.time + duration)
         memory = self._memory

@@ -1,4 +1,4 @@
-"""Bare hands for a simulated cloth: they take it at a point, carry it and let go, without a robot."""
+"""Manipulation of a simulated cloth without a robot: take at a point, carry, let go."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,17 +10,18 @@ from unwrinkle.models.errors import InputError
 from unwrinkle.simulation.cloth.cloth import Cloth
 from unwrinkle.simulation.cloth.state import ClothState
 
-STEP = 0.020  # s: between the hands' poses
+#: Time between the poses of the hands, s.
+STEP = 0.020
 Displacement = NDArray[np.floating[Any]] | Sequence[float] | None
 
 
 def take(
     cloth: Cloth, state: ClothState, hand: int, p_W: NDArray[np.floating[Any]] | Sequence[float]
 ) -> ClothState:
-    """Grip at the world point `p_W` (3,), m, with a tool that keeps the world's orientation.
+    """Grip the cloth at a world point (3,), m, with a tool of the world's orientation.
 
     Raises:
-        InputError: bad point, no such hand, or it holds something already.
+        InputError: bad point, unknown hand, or the hand holds cloth already.
     """
     X_WT = np.eye(4)
     X_WT[:3, 3] = p_W
@@ -30,16 +31,16 @@ def take(
 def carry(
     cloth: Cloth, state: ClothState, moves: tuple[Displacement, Displacement], duration: float
 ) -> ClothState:
-    """Move what the hands hold by `moves` (3,), m, from rest to rest, and return the state then.
+    """Move the held cloth by displacements (3,), m, from rest to rest; return the final state.
 
     Args:
         cloth: the cloth.
         state: its state.
-        moves: of the right and the left hand; None or an empty hand stays.
+        moves: displacement of the right and the left hand; None for no motion.
         duration: s, a multiple of 20 ms.
 
     Raises:
-        InputError: the duration is no multiple of 20 ms, or a hand is too fast.
+        InputError: the duration is not a multiple of 20 ms, or a hand is too fast.
         ClothError: the solver failed.
     """
     count = round(duration / STEP)

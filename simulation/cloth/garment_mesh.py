@@ -1,8 +1,8 @@
-"""From a cloth's state to the mesh that cameras see: finer than the solver's nodes, and as thick as the cloth.
+"""Render mesh of a cloth state: finer than the solver's nodes, with the cloth's thickness.
 
-Nodes lie some 6 mm apart; a surface of flat facets of that size would show them. Positions between
-nodes come from a cubic spline along both yarn directions; two sheets, half the thickness to either
-side and joined at the rim, show both faces where the cloth is folded over.
+Nodes are some 6 mm apart; flat facets of that size would be visible. Positions between nodes are
+interpolated by a cubic spline along both yarn directions. Two sheets, half the thickness to either
+side and joined at the rim, show both faces of folded cloth.
 """
 
 from typing import Any
@@ -18,14 +18,18 @@ from unwrinkle.models.errors import InputError
 from unwrinkle.simulation.rendering.meshes import TexturedMesh, grid_triangles, vertex_normals
 from unwrinkle.simulation.rendering.textures import cloth as cloth_texture
 
-#: Cells of the drawn mesh in one cell of the solver's grid, along either direction.
+#: Cells of the render mesh per cell of the solver's grid, along either direction.
 FACTOR = 2
-_ROUNDING = 1.0  # cells: blur of a slanting outline's steps
-_OUTSIDE_LAYERS = 4  # of nodes beyond an outline, filled in so that the spline ends smoothly there
+
+#: Sigma of the smoothing of a stepped outline, cells.
+_OUTLINE_SIGMA_CELLS = 1.0
+
+#: Layers of nodes extrapolated beyond an outline, for a smooth end of the spline.
+_EXTRAPOLATED_LAYERS = 4
 
 
 class ClothMesh:
-    """Makes textured meshes of one cloth's states; what does not change is computed once."""
+    """Builder of textured meshes of one cloth's states; constant parts are computed once."""
 
     def __init__(
         self,
@@ -38,20 +42,20 @@ class ClothMesh:
         name: str = "garment",
         factor: int = FACTOR,
     ) -> None:
-        """Prepare.
+        """Compute the constant parts of the meshes.
 
         Args:
-            rest: (n, 2) of the nodes in the cloth's own plane, on a square grid, metres.
-            triangles: (m, 3) node numbers, two in each cell of the grid that is cloth; where not all
-                are, the steps of the outline are rounded.
+            rest: (n, 2) nodes in the cloth's plane, on a square grid, metres.
+            triangles: (m, 3) node numbers, two triangles in each cell of cloth; unless all cells
+                are cloth, the steps of the outline are rounded.
             thickness: of the cloth, metres.
-            texture: kind of cloth, see `simulation.textures`.
-            seed: of its fibres.
+            texture: kind of cloth, see `simulation.rendering.textures`.
+            seed: of the texture.
             name: of the mesh.
-            factor: drawn cells per cell of the grid, along either direction.
+            factor: render cells per cell of the grid, along either direction.
 
         Raises:
-            InputError: the nodes are not on a square grid, or an unknown kind of cloth.
+            InputError: the nodes are not on a square grid, or the texture is unknown.
         """
         rest = np.asarray(rest, dtype=float)
         low = rest.min(axis=0)
@@ -85,12 +89,12 @@ class ClothMesh:
         self._used = used
         sheet = grid.reshape(-1, 3)
         count = len(used)
-        # Rows of the grid go along the cloth's x: seen from its upper side that is clockwise.
+        # Rows of the grid run along x, so its triangles are clockwise seen from above: flip them.
         sheet = sheet[:, ::-1]
         self._sheet = sheet
         self._triangles = np.concatenate([sheet, sheet[:, ::-1] + count, _rim(sheet, count)])
         size = (spacing * (nx - 1), spacing * (ny - 1))
-        # Vertices off the fine grid are evaluated one by one.
+        # Vertices moved off the fine grid have their own spline weights.
         self._moved = np.flatnonzero(moved[used])
         self._own_across, self._own_along = (
             np.asarray(spline(uv[used[self._moved], k])) for k, spline in enumerate(splines)
@@ -101,10 +105,10 @@ class ClothMesh:
         self._half, self._name = 0.5 * thickness, name
 
     def mesh(self, vertices: NDArray[np.floating[Any]]) -> TexturedMesh:
-        """The mesh of node positions (n, 3) in the world, metres.
+        """Return the mesh of world node positions (n, 3), metres.
 
         Raises:
-            InputError: another number of nodes, or a position that is not finite.
+            InputError: wrong number of nodes, or a position is not finite.
         """
         upper, lower = self.faces(vertices)
         centre = np.eye(4)
@@ -118,10 +122,13 @@ class ClothMesh:
         )
 
     def faces(self, vertices: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
-        """Upper and lower face (k, 3) of node positions (n, 3) in the world, metres.
+        """Return the vertices (k, 3) of the upper and the lower face, metres.
+
+        Args:
+            vertices: (n, 3) world node positions, metres.
 
         Raises:
-            InputError: another number of nodes, or a position that is not finite.
+            InputError: wrong number of nodes, or a position is not finite.
         """
         vertices = np.asarray(vertices, dtype=float)
         if vertices.shape != (len(self._index), 3) or not np.isfinite(vertices).all():
@@ -143,7 +150,7 @@ class ClothMesh:
 
 
 def _spacing(rest: Array) -> float:
-    """Distance of neighbouring nodes, metres."""
+    """Return the distance of neighbouring nodes, metres."""
     steps = np.diff(np.unique(np.round(rest[:, 0], 6)))
     steps = steps[steps > 1e-5]
     if len(steps) == 0:
@@ -152,17 +159,18 @@ def _spacing(rest: Array) -> float:
 
 
 def _filling(known: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], Any]]:
-    """How nodes beyond the outline follow from those inside: layer by layer, targets and sparse weights.
+    """Return the extrapolation of nodes beyond the outline: targets and sparse weights per layer.
 
-    A node goes on straight from two known ones in a line with it, the mean over such lines; beyond
-    the last layer all take their nearest node's place, which no drawn point feels.
+    A node is extrapolated linearly from two known nodes in line with it, as the mean over such
+    lines. Beyond the last layer nodes take the position of their nearest node, which has no effect
+    on the rendered points.
     """
     layers: list[tuple[NDArray[np.intp], Any]] = []
     known = known.copy()
     size, (nx, ny) = known.size, known.shape
     flat = np.arange(size).reshape(nx, ny)
     around = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)]
-    for _ in range(_OUTSIDE_LAYERS):
+    for _ in range(_EXTRAPOLATED_LAYERS):
         rows, columns, weights = [], [], []
         missing = np.argwhere(~known)
         for i, j in missing:
@@ -191,7 +199,7 @@ def _filling(known: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], Any]]:
 
 
 def _cells(shape: tuple[int, int], centroids: Array) -> NDArray[np.bool_]:
-    """Cells (nx - 1, ny - 1) of the grid that have triangles, given the triangles' centroids (m, 2)."""
+    """Return the mask of cells (nx - 1, ny - 1) that contain triangle centroids (m, 2)."""
     cells = np.zeros((shape[0] - 1, shape[1] - 1), dtype=bool)
     i, j = np.floor(centroids).astype(int).T
     cells[i, j] = True
@@ -201,20 +209,20 @@ def _cells(shape: tuple[int, int], centroids: Array) -> NDArray[np.bool_]:
 def _smooth_outline(
     cells: NDArray[np.bool_], uv: Array, grid: NDArray[np.int64], reach: float
 ) -> tuple[NDArray[np.bool_], Array]:
-    """Round the steps that an outline cut from square cells has.
+    """Smooth the stepped outline of a mask of square cells.
 
     Args:
-        cells: of the cloth.
+        cells: mask of the cloth's cells.
         uv: (k, 2) fine vertices in cells of the grid.
         grid: (m, 3) fine triangles.
-        reach: most that a vertex is moved, cells.
+        reach: limit of a vertex's displacement, cells.
 
     Returns:
-        Which triangles are cloth (m,), and the vertices (k, 2) with those of the border moved onto
-        the smooth outline: where the blurred mask is one half, as it is on a straight edge.
+        The mask (m,) of triangles that are cloth, and the vertices (k, 2), with those of the border
+        moved to the level 1/2 of the blurred mask (exact for straight edges).
     """
     pad = 6
-    blurred = gaussian_filter(np.pad(cells.astype(float), pad), _ROUNDING)
+    blurred = gaussian_filter(np.pad(cells.astype(float), pad), _OUTLINE_SIGMA_CELLS)
 
     def level(places: Array) -> Array:
         return np.asarray(map_coordinates(blurred, places.T - 0.5 + pad, order=3)) - 0.5
@@ -237,7 +245,7 @@ def _smooth_outline(
 
 
 def _border(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Edges (e, 2) that only one triangle has, in its direction."""
+    """Return the directed edges (e, 2) that belong to one triangle only."""
     count = int(triangles.max()) + 1
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     forward = edges[:, 0] * count + edges[:, 1]
@@ -246,7 +254,7 @@ def _border(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _rim(sheet: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """Triangles that join the upper sheet's border to the lower one, whose vertices come `count` later."""
+    """Return triangles between the borders of both sheets; lower vertices are offset by `count`."""
     a, b = _border(sheet).T
     return np.concatenate(
         [np.column_stack([a, a + count, b]), np.column_stack([b, a + count, b + count])]

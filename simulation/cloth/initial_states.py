@@ -1,4 +1,4 @@
-"""Wrinkled starting states of a simulated garment, each from a seed or from its dimensions."""
+"""Initial states of a simulated garment: flat, with a ridge, bunched, pinched or dropped."""
 
 import dataclasses as dc
 from typing import Any
@@ -8,17 +8,22 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.scenario import STARTS
 from unwrinkle.simulation.cloth.cloth import Cloth
 from unwrinkle.simulation.cloth.fingers import carry, let_go, take
 from unwrinkle.simulation.cloth.measures import overstretch
 from unwrinkle.simulation.cloth.state import ClothState
 
-STARTS = ("bunched", "ridge", "pinched", "dropped", "flat")
 Centre = tuple[float, float]
 
-_SETTLING = 5e-3  # m/s: between one push and the next
-_MOST_TRIES = 20  # pushes drawn anew because they would leave the cloth's middle part, or jam it
-_JAMMED = 0.015  # overstretch that is left where cloth is locked in its own folds
+#: Rest speed between one push and the next, m/s.
+_REST_SPEED_M_S = 5e-3
+
+#: Limit of attempts at a push.
+_MAX_TRIES = 20
+
+#: Overstretch above which cloth counts as locked in its own folds.
+_MAX_OVERSTRETCH = 0.015
 
 
 def ridge(
@@ -29,27 +34,27 @@ def ridge(
     base: float = 0.045,
     offset: float = 0.0,
 ) -> ClothState:
-    """Return the cloth with one straight ridge right across it, settled.
+    """Return the settled cloth with one straight ridge across it.
 
-    The cloth is laid over a raised cosine as long, along the cloth, as base and slack together:
-    nothing is stretched. Its bendings have no memory of it.
+    The cloth is laid over a raised cosine of arc length base + slack, without stretch and without
+    plastic bending.
 
     Args:
         cloth: the cloth.
-        centre: world x, y of the flat garment's middle, m.
-        direction: angle of the way across the ridge, in which to pull it out, from the world's x, rad.
-        slack: how much cloth the ridge takes up, m.
+        centre: world x, y of the flat garment's centre, m.
+        direction: angle from world x of the direction across the ridge, in which to pull, rad.
+        slack: excess length of cloth in the ridge, m.
         base: width of the ridge before it settles, m.
-        offset: of the ridge from the garment's middle, across it, m.
+        offset: distance of the ridge from the garment's centre, m.
 
     Raises:
-        InputError: bad dimensions, or the ridge is not on the cloth.
+        InputError: a dimension is out of range, or the ridge is not on the cloth.
     """
     values = (direction, slack, base, offset)
     if not np.isfinite(values).all() or slack <= 0.0 or base <= 0.0 or slack > 2.0 * base:
         raise InputError(
-            f"ridge: direction {direction}, slack {slack}, base {base}, offset {offset}; give finite "
-            "values, slack and base above 0 and slack at most twice the base"
+            f"ridge: direction {direction}, slack {slack}, base {base}, offset {offset}; give "
+            "finite values, slack and base above 0 and slack at most twice the base"
         )
     flat = cloth.flat(centre)
     e = np.array([np.cos(direction), np.sin(direction)])
@@ -74,30 +79,30 @@ def ridge(
 def bunched(cloth: Cloth, centre: Centre, seed: int, pinches: int = 5) -> ClothState:
     """Return the cloth after two fingers pushed it together at `pinches` random places.
 
-    It lies nearly as wide as flat, with two to four wrinkles that cross, 20-30 mm high on a towel. A push that jams the
-    cloth in its own folds is taken back and another one drawn: contact of the cloth with itself knows vertices and
-    triangles, not edges, and such knots do not open again as a towel's would.
+    It is nearly as wide as flat, with two to four crossing wrinkles, 20 to 30 mm high on a towel. A
+    push that locks the cloth in its own folds is undone and redrawn: self-contact is between
+    vertices and triangles without edges, so that such knots do not open as those of a towel do.
 
     Raises:
-        InputError: bad centre, seed or number.
+        InputError: bad centre, seed or number of pinches.
         ClothError: the solver failed.
     """
     rng, state = _begin(cloth, centre, seed, pinches)
     reach = 0.17 / 0.24  # of the half size: the towel's border is left alone
     half = 0.5 * np.ptp(cloth.rest, axis=0)
     for _ in range(pinches):
-        for _ in range(_MOST_TRIES):
+        for _ in range(_MAX_TRIES):
             middle = rng.uniform(-reach * half, reach * half)
             angle, apart = rng.uniform(0.0, np.pi), rng.uniform(0.08, 0.14)
             closing = rng.uniform(0.025, 0.05)
             e = np.array([np.cos(angle), np.sin(angle)])
-            # The fingers come down where the cloth is, higher parts first.
+            # Fingertips touch the cloth; higher points are preferred.
             points = [_under(cloth, state, middle + sign * 0.5 * apart * e) for sign in (1, -1)]
             if any(point is None for point in points):
                 continue
             push = 0.5 * closing * np.append(e, 0.0)
             bunch = _pushed_together(cloth, state, points, push)
-            if overstretch(cloth, bunch) <= _JAMMED:
+            if overstretch(cloth, bunch) <= _MAX_OVERSTRETCH:
                 state = bunch
                 break
     return cloth.settle(state)
@@ -106,21 +111,21 @@ def bunched(cloth: Cloth, centre: Centre, seed: int, pinches: int = 5) -> ClothS
 def _pushed_together(
     cloth: Cloth, state: ClothState, points: list[Any], push: NDArray[np.float64]
 ) -> ClothState:
-    """The cloth after two fingers at points (3,), m, moved by -push and +push (3,), m, and let go."""
+    """Return the cloth after two fingers at points (3,), m, moved by -push and +push (3,), m."""
     for hand, point in enumerate(points):
         state = take(cloth, state, hand, point)
     up = np.array([0.0, 0.0, 0.004])
     state = carry(cloth, state, (up, up), 0.1)
     state = carry(cloth, state, (-push, push), 0.5)
     state = carry(cloth, state, (-up, -up), 0.1)
-    return cloth.settle(let_go(cloth, state), 1.0, _SETTLING)
+    return cloth.settle(let_go(cloth, state), 1.0, _REST_SPEED_M_S)
 
 
 def pinched(cloth: Cloth, centre: Centre, seed: int, pinches: int = 5) -> ClothState:
-    """Return the cloth after it was lifted and dragged inwards at `pinches` random points: folds.
+    """Return the folded cloth after it was lifted and dragged inwards at `pinches` random points.
 
     Raises:
-        InputError: bad centre, seed or number.
+        InputError: bad centre, seed or number of pinches.
         ClothError: the solver failed.
     """
     rng, state = _begin(cloth, centre, seed, pinches)
@@ -135,12 +140,12 @@ def pinched(cloth: Cloth, centre: Centre, seed: int, pinches: int = 5) -> ClothS
         move = (drag * np.cos(angle), drag * np.sin(angle), 0.0)
         state = carry(cloth, state, (move, None), 0.8)
         state = carry(cloth, state, ((0.0, 0.0, -0.8 * lift), None), 0.4)
-        state = cloth.settle(let_go(cloth, state), 1.5, _SETTLING)
+        state = cloth.settle(let_go(cloth, state), 1.5, _REST_SPEED_M_S)
     return cloth.settle(state)
 
 
 def dropped(cloth: Cloth, centre: Centre, seed: int, height: float = 0.22) -> ClothState:
-    """Return the cloth after it was lifted at a random point and dropped from a quarter as high.
+    """Return the cloth lifted at a random point, lowered to a quarter of the height and dropped.
 
     Raises:
         InputError: bad centre, seed or height (m; 0.05 to 0.5).
@@ -160,9 +165,9 @@ def dropped(cloth: Cloth, centre: Centre, seed: int, height: float = 0.22) -> Cl
 
 
 def start_state(cloth: Cloth, name: str, centre: Centre, seed: int) -> ClothState:
-    """Return the starting state called `name`, settled; the time begins at 0.
+    """Return a settled initial state by its name, at time 0.
 
-    A ridge's direction, slack and place are drawn from the seed too.
+    The direction, slack and offset of a ridge are drawn from the seed.
 
     Raises:
         InputError: unknown name, bad centre or seed.
@@ -200,7 +205,7 @@ def _begin(
 def _under(
     cloth: Cloth, state: ClothState, offset: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
-    """Return the cloth's point under a finger at `offset` (2,) from its middle; None if there is none."""
+    """Return the cloth's point (3,), m, under a finger at an offset (2,), or None."""
     vertices = cloth.vertices(state)
     place = vertices[:, :2].mean(axis=0) + offset
     distance = np.hypot(*(vertices[:, :2] - place).T) - 0.2 * (vertices[:, 2] - cloth.flat_height)
@@ -211,7 +216,10 @@ def _under(
 def _raised_cosine(
     slack: float, base: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return (s, x, z) of z = A/2 (1 + cos(2 pi x / base)) as long as base + slack; s is 0 at its top."""
+    """Return (s, x, z), m, of z = A/2 (1 + cos(2 pi x / base)) of arc length base + slack.
+
+    s is the arc length from the top.
+    """
     x = np.linspace(-0.5 * base, 0.5 * base, 4001)
     shape = 0.5 * (1.0 + np.cos(2.0 * np.pi * x / base))
 

@@ -1,9 +1,9 @@
-"""How the solver keeps a cloth in memory: one array of rows, each with one channel per quantity.
+"""Memory layout of the cloth solver: one array of rows with one channel per quantity.
 
-Row r of the array holds the nodes (i = r - 1, j = 0..), and in it channel c begins at column c * STRIDE.
-A neighbour in any direction is then a constant distance away, known when the kernels are compiled, so
-that every loop over j becomes vector instructions without a check for overlap. The first and last
-row and the end of each channel are zeros: a missing neighbour has no mass and no stiffness.
+Row r of the array holds the nodes (i = r - 1, j = 0..); channel c begins at column c * STRIDE. The
+offset of a neighbour in any direction is a compile-time constant, so that every loop over j
+vectorises without a check for aliasing. The first and last row and the end of each channel are
+zero: a missing neighbour has no mass and no stiffness.
 """
 
 from collections.abc import Mapping
@@ -12,8 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+#: Length of a channel in a row.
 STRIDE = 136
-MOST_NODES = STRIDE - 4  # a side; two zeros at least stay free at either end of a channel
+
+#: Limit of the nodes along a side; at least two zeros remain at either end of a channel.
+MOST_NODES = STRIDE - 4
 _NAMES = (
     "x y z",  # position
     "px py pz",  # position at the beginning of the substep
@@ -34,20 +37,20 @@ ROW = STRIDE * len(CHANNELS)
 
 
 def offset(name: str) -> np.uint64:
-    """Return where channel `name` begins in its row; unsigned, so that no index is tested for sign."""
+    """Return the offset of a channel in its row; unsigned, which avoids sign tests of indices."""
     return np.uint64(STRIDE * CHANNELS[name])
 
 
 def empty_rows(rows: int) -> NDArray[np.float64]:
-    """Return zeros for `rows` rows of nodes and the two guard rows, (rows + 2, channels, STRIDE)."""
+    """Allocate zeros for rows of nodes and two guard rows, (rows + 2, channels, STRIDE)."""
     return np.zeros((rows + 2, len(CHANNELS), STRIDE))
 
 
 def put(rows: NDArray[np.float64], name: str, values: NDArray[Any]) -> None:
-    """Write `values` (nodes i, nodes j) into channel `name`."""
+    """Write values (nodes i, nodes j) into a channel."""
     rows[1:-1, CHANNELS[name], : values.shape[1]] = values
 
 
 def get(rows: NDArray[np.float64], name: str, columns: int) -> NDArray[np.float64]:
-    """Return a copy of channel `name`, (nodes i, columns)."""
+    """Return a copy of a channel, (nodes i, columns)."""
     return rows[1:-1, CHANNELS[name], :columns].copy()

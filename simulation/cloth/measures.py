@@ -1,4 +1,4 @@
-"""Measures of a simulated cloth's true shape: how much it covers, how high it stands, its stretch."""
+"""Shape measures of a simulated cloth: coverage, height, overstretch."""
 
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -11,19 +11,22 @@ from unwrinkle.models.errors import InputError
 from unwrinkle.simulation.cloth.cloth import Cloth
 from unwrinkle.simulation.cloth.state import ClothState
 
-RASTER = 1e-3  # m: for the covered area
-SPAN = 5  # springs of a yarn over which its stretch is taken: one alone says little
+#: Resolution of the height map for the covered area, m.
+RASTER = 1e-3
+
+#: Number of springs over which the stretch of a yarn is measured; that of a single one is noisy.
+SPAN = 5
 
 
 @dataclass(frozen=True)
 class TruthMeasures:
-    """The true shape of a garment in one state.
+    """Shape measures of a garment in one state.
 
     Attributes:
-        coverage: area covered, seen from above, as a share of the flat garment's.
-        height: of its highest point above where it would lie flat, m.
-        above_5mm: share of the covered area that is more than 5 mm above flat.
-        overstretch: largest share by which a piece of yarn is longer than at rest.
+        coverage: area covered, seen from above, as a fraction of the flat garment's.
+        height: height of its highest point above the flat garment, m.
+        above_5mm: fraction of the covered area more than 5 mm above the flat garment.
+        overstretch: largest relative elongation of a piece of yarn.
     """
 
     coverage: float
@@ -32,12 +35,12 @@ class TruthMeasures:
     overstretch: float
 
     def to_json(self) -> dict[str, Any]:
-        """Return its values by name."""
+        """Return the measures by name."""
         return asdict(self)
 
 
 def measure(cloth: Cloth, state: ClothState) -> TruthMeasures:
-    """Return all measures of a state."""
+    """Compute all measures of a state."""
     heights, _ = height_map(cloth, state, RASTER)
     covered = heights[np.isfinite(heights)]
     return TruthMeasures(
@@ -49,7 +52,7 @@ def measure(cloth: Cloth, state: ClothState) -> TruthMeasures:
 
 
 def coverage(cloth: Cloth, state: ClothState) -> float:
-    """Return the area covered, seen from above, as a share of the flat garment's area."""
+    """Return the area covered, seen from above, as a fraction of the flat garment's area."""
     heights, _ = height_map(cloth, state, RASTER)
     return float(np.isfinite(heights).sum()) * RASTER**2 / cloth.outline.area
 
@@ -57,14 +60,19 @@ def coverage(cloth: Cloth, state: ClothState) -> float:
 def height_map(
     cloth: Cloth, state: ClothState, resolution: float
 ) -> tuple[NDArray[np.float64], tuple[float, float]]:
-    """Return the cloth seen from above.
+    """Compute the height map of a cloth seen from above.
+
+    Args:
+        cloth: the cloth.
+        state: its state.
+        resolution: side of a cell, m.
 
     Returns:
-        Height (ny, nx) of the uppermost layer above where it would lie flat, m, NaN where there is
-        no cloth; and the world x, y of the centre of its first cell. x grows along columns, y along rows.
+        Height (ny, nx) of the uppermost layer above the flat cloth, m, NaN where there is no cloth,
+        and the world x, y of the centre of its first cell, m. x grows along columns, y along rows.
 
     Raises:
-        InputError: bad resolution (m).
+        InputError: the resolution is out of range.
     """
     if not (np.isfinite(resolution) and 1e-4 <= resolution <= 0.1):
         raise InputError(f"height map: resolution {resolution:g} m; give 0.0001 to 0.1")
@@ -80,12 +88,12 @@ def height_map(
 
 
 def largest_height(cloth: Cloth, state: ClothState) -> float:
-    """Return how far the highest point of the cloth is above where it would lie flat, m."""
+    """Return the height of the cloth's highest point above the flat cloth, m."""
     return float(cloth.vertices(state)[:, 2].max()) - cloth.flat_height
 
 
 def overstretch(cloth: Cloth, state: ClothState) -> float:
-    """Return the largest share by which five springs of a yarn are longer than at rest; 0 if none is."""
+    """Return the largest relative elongation of five consecutive springs of a yarn; at least 0."""
     grid = state.positions.reshape(3, *cloth.shape)
     mask = cloth.outline.mask
     worst = 0.0
@@ -107,7 +115,7 @@ def overstretch(cloth: Cloth, state: ClothState) -> float:
 def _rasterise(
     vertices: NDArray[np.float64], triangles: NDArray[np.intp], heights: NDArray[np.float64]
 ) -> None:
-    """Raise each cell whose centre is under a triangle to that triangle; x, y are in cells."""
+    """Raise each cell whose centre is under a triangle to the triangle's height; x, y in cells."""
     for t in range(triangles.shape[0]):
         a, b, c = vertices[triangles[t, 0]], vertices[triangles[t, 1]], vertices[triangles[t, 2]]
         area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])

@@ -10,10 +10,11 @@ from scipy import ndimage
 from unwrinkle.models.errors import InputError
 from unwrinkle.simulation.cloth.layout import MOST_NODES
 
+#: Least number of nodes along the longer side.
 FEWEST_NODES = 16
 
-# Corners of half an outline (x >= 0), from top to bottom, in metres; mirrored at x = 0. Sizes are a
-# small child's: the larger ones would hang over the table of 0.8 m.
+# Corners of half an outline (x >= 0), from top to bottom, metres; mirrored at x = 0. Children's
+# sizes: larger garments would hang over the table of 0.8 m.
 _TSHIRT = (
     (0.075, 0.260),  # the neck ends at the shoulder
     (0.180, 0.235),
@@ -22,7 +23,8 @@ _TSHIRT = (
     (0.190, 0.110),  # armpit
     (0.190, -0.260),
 )
-_NECK = (0.075, 0.045)  # half width and depth of the neck's curve
+#: Half width and depth of the neck's curve, metres.
+_NECK = (0.075, 0.045)
 _TROUSERS = (
     (0.140, 0.280),
     (0.165, 0.060),
@@ -37,13 +39,13 @@ NAMES = tuple(_SIZES)
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """Which nodes of a grid are cloth.
+    """Outline of a garment: the nodes of a grid that are cloth.
 
     Attributes:
         name: of the garment.
-        mask: (nx, ny); True where there is cloth. The first axis runs along x, the second along y: seen
-            from above with the collar or waist up, x points right and y up.
-        spacing: of the nodes, m.
+        mask: (nx, ny) bool, nodes of cloth. The first axis is x, the second y; seen from above with
+            the collar or waist up, x points right and y up.
+        spacing: distance of neighbouring nodes, m.
     """
 
     name: str
@@ -51,7 +53,7 @@ class Outline:
     spacing: float
 
     def __post_init__(self) -> None:
-        """Keep a read-only mask; refuse what is no single piece of cloth."""
+        """Check that the mask is one piece of cloth and make it read-only."""
         mask = np.array(self.mask, dtype=bool)
         if mask.ndim != 2 or min(mask.shape) < 3 or max(mask.shape) > MOST_NODES:
             raise InputError(
@@ -64,8 +66,8 @@ class Outline:
         cells = _cells(mask)
         if not cells.any() or (_of_cells(cells) != mask).any():
             raise InputError(
-                f"outline {self.name!r}: {int((_of_cells(cells) != mask).sum())} of its nodes belong "
-                "to no square of four nodes; remove them"
+                f"outline {self.name!r}: {int((_of_cells(cells) != mask).sum())} of its nodes "
+                "belong to no square of four nodes; remove them"
             )
         if ndimage.label(cells)[1] != 1:
             raise InputError(f"outline {self.name!r}: is more than one piece; keep one")
@@ -84,19 +86,19 @@ class Outline:
 
     @property
     def plane(self) -> NDArray[np.float64]:
-        """Places of all nodes in the garment's own plane, its grid's middle at 0, (nx, ny, 2), m."""
+        """Positions (nx, ny, 2) of all nodes in the garment's plane, centred at 0, m."""
         sides = [(np.arange(n) - 0.5 * (n - 1)) * self.spacing for n in self.mask.shape]
         return np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1)
 
 
 def outline(name: str, nodes: int) -> Outline:
-    """Return the outline of a garment with `nodes` nodes along its longer side.
+    """Build the outline of a garment with `nodes` nodes along its longer side.
 
     Towel 0.48 x 0.48 m, dishcloth 0.54 x 0.38 m, T-shirt 0.66 x 0.52 m (sleeves spread, collar at
     +y), trousers 0.34 x 0.56 m (waist at +y). Shirt and trousers are one layer of cloth.
 
     Raises:
-        InputError: unknown name, or too few or too many nodes.
+        InputError: unknown name, or the number of nodes is out of range.
     """
     if name not in _SIZES:
         raise InputError(f"no garment outline is called {name!r}; try one of {', '.join(NAMES)}")
@@ -127,6 +129,6 @@ def _cells(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _of_cells(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Nodes at the corners of the cells."""
+    """Return the mask of nodes at the corners of the cells."""
     wide = np.pad(cells, 1)
     return wide[:-1, :-1] | wide[1:, :-1] | wide[:-1, 1:] | wide[1:, 1:]

@@ -1,14 +1,16 @@
-"""What a gripper of two blades does to simulated cloth when it comes down astride a fold, closes and lifts.
+"""Geometric model of a pinch grasp: two blades descend astride a fold, close and lift.
 
-The cloth knows no rigid blades, so whether they catch anything is decided by geometry, on the cautious side:
+The cloth solver has no rigid blades; a conservative geometric rule decides whether they catch
+cloth:
 
-1. The open blades come down along their own axis. What lies under a tip is pressed flat, but no further: a tip
-   stops where all layers under it lie on the table and on each other, and the whole tool with it.
-2. The cloth between the blades goes down with the cloth that the tips press down beside it, by the mean of both.
-3. Cloth that then still stands between the blades, above both tips, by LEAST_DEPTH over at least half of their
-   width is caught. The tips slide over all that lies flat: they never gather up flat cloth, as real blades may.
-4. What is caught goes with the tool from then on, in the shape that it had between the open blades. It cannot
-   slip out; `Lift.weight` tells what the blades would have to hold by friction.
+1. The open blades descend along their axis. Cloth under a tip is pressed flat; the tool stops where
+   all layers under a tip lie on the table and on each other.
+2. The cloth between the blades descends with the cloth that the tips press down beside it, by the
+   mean of both.
+3. Cloth that remains between the blades, above both tips, by LEAST_DEPTH over at least half of
+   their width is caught. The tips slide over flat cloth; real blades may gather it up.
+4. The caught cloth moves with the tool in the shape that it had between the open blades. It cannot
+   slip; `Lift.weight` is the force that the blades would have to hold by friction.
 """
 
 import dataclasses as dc
@@ -24,28 +26,34 @@ from unwrinkle.simulation.cloth.cloth import GRAVITY, Cloth, ClothState, Grip
 from unwrinkle.simulation.cloth.fingers import carry
 from unwrinkle.simulation.cloth.state import checked_pose
 
-LEAST_DEPTH = 0.005  # m: of fold between the blades above their tips
-_CELL = 1e-3  # m: of the rays along the blades' axis
-_ASIDE = (
-    1.37e-6,
-    2.11e-6,
-)  # m: a ray along the common edge of two triangles would pass none of them, or both
-_LEAST_NODES = 2
-_LIFTED = 0.05  # m: above the table and above where it lay
+#: Least height of a fold between the blades above their tips, m.
+LEAST_DEPTH = 0.005
+
+#: Spacing of the rays along the blades' axis, m.
+_RAY_SPACING_M = 1e-3
+
+#: Offset of the rays, m: a ray through the common edge of two triangles would hit none or both.
+_RAY_OFFSET_M = (1.37e-6, 2.11e-6)
+
+#: Least number of caught nodes.
+_MIN_NODES = 2
+
+#: Height above the table, and above its former place, of lifted cloth, m.
+_LIFTED_M = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Catch:
-    """What the blades have between them when they are down, before they close.
+    """Cloth between the blades when they are down, before they close.
 
     Attributes:
-        X_WT: (4, 4) where the tool stands.
-        withheld: how far above the wanted pose it was stopped, m.
-        layers: the most layers under a tip.
-        pressed: how far the tips press the cloth beside the fold down, mean of both, m.
-        depth: by how much the fold stands above both tips over at least half of their width, m; negative where it
-            stays below.
-        nodes: (k,) numbers in the grid of the nodes that are caught; empty if nothing is.
+        X_WT: (4, 4) pose of the tool.
+        withheld: distance above the commanded pose at which it stopped, m.
+        layers: largest number of layers under a tip.
+        pressed: distance by which the tips press down the cloth beside the fold, mean of both, m.
+        depth: height of the fold above both tips over at least half of their width, m; negative
+            below them.
+        nodes: (k,) grid numbers of the caught nodes; empty if none.
         reason: why nothing is caught; empty if something is.
     """
 
@@ -65,12 +73,12 @@ class Catch:
 
 @dataclass(frozen=True, eq=False)
 class Lift:
-    """What became of the cloth that was caught.
+    """Cloth after it was caught and lifted.
 
     Attributes:
-        state: of the cloth, the tool holding it above the table.
-        area: of cloth that is over 50 mm above the table and above where it lay, m^2.
-        weight: of the cloth that does not touch the table, N.
+        state: state of the cloth, held above the table.
+        area: area of cloth more than 50 mm above the table and above its former place, m^2.
+        weight: weight of the cloth that does not touch the table, N.
     """
 
     state: ClothState
@@ -81,22 +89,24 @@ class Lift:
 def catch(
     cloth: Cloth, state: ClothState, X_WT: NDArray[np.floating], blades: Blades, opening: float
 ) -> Catch:
-    """Return what the open blades have between them at a pose.
+    """Compute the cloth between the open blades at a commanded pose.
 
     Args:
         cloth: the cloth.
-        state: as the blades find it.
-        X_WT: (4, 4) of the tool centre point, z along the blades and downwards, y from the lower to the upper.
-        blades: their geometry.
+        state: state before the grasp.
+        X_WT: (4, 4) pose of the tool centre point, z along the blades and downwards, y from the
+            lower to the upper blade.
+        blades: geometry of the blades.
         opening: distance between the open blades, m.
 
     Raises:
-        InputError: no pose, one that does not point downwards, or an opening that is not positive.
+        InputError: the pose is not rigid or does not point down, or the opening is not positive.
     """
     X = np.array(checked_pose(X_WT, "pinch"))
     if X[2, 2] > -0.1:
         raise InputError(
-            f"pinch: the blades' axis has z {X[2, 2]:.2f} in the world; give a pose that points down"
+            f"pinch: the blades' axis has z {X[2, 2]:.2f} in the world; give a pose that points "
+            "down"
         )
     if not (np.isfinite(opening) and opening > 0.0):
         raise InputError(f"pinch: opening {opening} m; give one above 0")
@@ -114,7 +124,7 @@ def catch(
         room = lowest - cloth.table.height - count * cloth.material.thickness
         withheld = max(withheld, room / X[2, 2])
     X[:3, 3] -= withheld * X[:3, 2]
-    # Seen from the tool further up, the cloth is further down.
+    # In the frame of the stopped tool the cloth is `withheld` further down.
     pressed = float(
         np.mean([_pressed(z + withheld, end) for z, (_, _, end) in zip(columns, tips, strict=True)])
     )
@@ -128,7 +138,7 @@ def catch(
             f"the cloth between the blades stands {1e3 * depth:.1f} mm above their tips, at least "
             f"{1e3 * LEAST_DEPTH:.0f} mm are needed"
         )
-    elif len(nodes) < _LEAST_NODES:
+    elif len(nodes) < _MIN_NODES:
         reason = f"the fold between the blades is finer than the cloth's mesh ({len(nodes)} nodes)"
     if reason:
         nodes = nodes[:0]
@@ -145,19 +155,19 @@ def lift(
     duration: float = 1.0,
     hold: float = 0.5,
 ) -> Lift:
-    """Lift what is caught and hold it there.
+    """Lift the caught cloth and hold it.
 
     Args:
         cloth: the cloth.
-        state: as the blades found it.
-        held: what they caught, not nothing.
+        state: state before the grasp.
+        held: a catch with cloth.
         hand: 0 right, 1 left; it must be empty.
-        height: to lift by, m.
+        height: height of the lift, m.
         duration: of the lift, s, a multiple of 20 ms.
-        hold: time afterwards, s.
+        hold: holding time afterwards, s.
 
     Raises:
-        InputError: nothing is caught, the hand holds something, or a bad time.
+        InputError: nothing is caught, the hand is not empty, or a time is not usable.
         ClothError: the solver failed.
     """
     if not held.caught or state.grips[hand] is not None:
@@ -172,7 +182,7 @@ def lift(
     state = cloth.advance(state, hold)
     after = cloth.vertices(state)[:, 2]
     cell = cloth.outline.area / len(after)
-    up = (after > cloth.table.height + _LIFTED) & (after > before + _LIFTED)
+    up = (after > cloth.table.height + _LIFTED_M) & (after > before + _LIFTED_M)
     off = after > cloth.flat_height + cloth.material.thickness
     weight = float(off.sum()) * cell * cloth.material.areal_density * -GRAVITY[2]
     return Lift(state, float(up.sum()) * cell, weight)
@@ -181,7 +191,7 @@ def lift(
 def _triangles_near(
     cloth: Cloth, state: ClothState, X_WT: Array, blades: Blades, opening: float
 ) -> Array:
-    """Corners (m, 3, 3) in T of the cloth's triangles that may lie under the blades or between them."""
+    """Return the triangles (m, 3, 3), in T, that may lie under or between the blades."""
     p = (cloth.vertices(state) - X_WT[:3, 3]) @ X_WT[:3, :3]
     corners = p[cloth.triangles]
     low, high = corners.min(axis=1), corners.max(axis=1)
@@ -192,14 +202,14 @@ def _triangles_near(
 
 
 def _crossings(corners: Array, width: float, low: float, high: float) -> Array:
-    """z (m, k) where rays along the blades' axis pass triangles (m, 3, 3); NaN where they do not.
+    """Return z (m, k) of rays along the blades' axis on triangles (m, 3, 3); NaN without a hit.
 
-    The rays stand CELL apart over |x| <= width / 2 and low <= y <= high, sorted by x, then y.
+    The rays are _RAY_SPACING_M apart over |x| <= width / 2 and low <= y <= high, sorted by x, then y.
     """
-    x = (np.arange(round(width / _CELL)) + 0.5) * _CELL - 0.5 * width
-    count = max(1, round((high - low) / _CELL))
+    x = (np.arange(round(width / _RAY_SPACING_M)) + 0.5) * _RAY_SPACING_M - 0.5 * width
+    count = max(1, round((high - low) / _RAY_SPACING_M))
     y = low + (np.arange(count) + 0.5) * (high - low) / count
-    rays = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2) + _ASIDE
+    rays = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2) + _RAY_OFFSET_M
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     u, v = (b - a)[:, :2], (c - a)[:, :2]
     area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
@@ -212,23 +222,23 @@ def _crossings(corners: Array, width: float, low: float, high: float) -> Array:
 
 
 def _pressed(z: Array, end: float) -> float:
-    """How far a tip at z = end goes below the uppermost cloth under it, mean over the tip, m."""
+    """Return the depth of a tip at z = end below the uppermost cloth under it, mean, m."""
     top = np.where(np.isfinite(z), z, np.inf).min(axis=0, initial=np.inf)
     return float(np.maximum(end - top, 0.0).mean())
 
 
 def _depth(z: Array, level: float, width: float) -> float:
-    """How far the fold stands above the level: highest across, median along the blades' width, m."""
+    """Return the fold's height above the level: maximum across, median along the width, m."""
     top = np.where(np.isfinite(z), z, np.inf).min(axis=0, initial=np.inf)
-    crest = top.reshape(round(width / _CELL), -1).min(axis=1)
-    # Beside the cloth there is nothing: as if it lay far below.
+    crest = top.reshape(round(width / _RAY_SPACING_M), -1).min(axis=1)
+    # Rays without cloth count as cloth 1 m below the level.
     return float(np.median(np.maximum(level - crest, -1.0)))
 
 
 def _between(
     cloth: Cloth, state: ClothState, X_WT: Array, blades: Blades, opening: float, level: float
 ) -> NDArray[np.intp]:
-    """Numbers of the nodes between the blades and above the level."""
+    """Return the numbers of the nodes between the blades and above the level."""
     p = (cloth.vertices(state) - X_WT[:3, 3]) @ X_WT[:3, :3]
     low, high = blades.gap(opening)
     inside = (np.abs(p[:, 0]) <= 0.5 * blades.width) & (p[:, 1] >= low) & (p[:, 1] <= high)

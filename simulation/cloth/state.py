@@ -1,4 +1,4 @@
-"""Values of the simulated cloth: its state, what it lies on, and how it is gripped."""
+"""Values of the cloth simulation: cloth state, support and grips."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,14 +16,14 @@ HANDS = ("right", "left")
 
 
 class ClothError(UnwrinkleError):
-    """The simulated cloth got into a state that cannot be: not finite, torn apart, or a knot."""
+    """The cloth solver failed: positions not finite, yarns torn, or too many contacts."""
 
 
 def checked_pose(X: NDArray[np.floating[Any]], what: str) -> NDArray[np.float64]:
-    """Return the rigid pose `X` (4, 4), read-only.
+    """Check a pose (4, 4); return a read-only copy.
 
     Raises:
-        InputError: another shape, not finite, or no rotation.
+        InputError: wrong shape, not finite, or not a rigid transform.
     """
     pose = np.array(X, dtype=float)
     if pose.shape != (4, 4) or not np.isfinite(pose).all():
@@ -40,11 +40,11 @@ def checked_pose(X: NDArray[np.floating[Any]], what: str) -> NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """Nodes that a gripper holds.
+    """Nodes held by a gripper.
 
     Attributes:
-        nodes: their numbers in the grid, (k,).
-        p_TN: where they are in the tool frame T, (k, 3), m.
+        nodes: (k,) grid numbers.
+        p_TN: (k, 3) positions in the tool frame T, m.
         X_WT: (4, 4) last pose of the tool.
     """
 
@@ -53,7 +53,7 @@ class Grip:
     X_WT: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        """Keep read-only arrays; refuse other shapes and NaN."""
+        """Check the arrays and make them read-only."""
         nodes = np.array(self.nodes, dtype=np.intp)
         p_TN = _frozen(self.p_TN, (len(nodes), 3), "grip: p_TN")
         nodes.flags.writeable = False
@@ -62,7 +62,7 @@ class Grip:
         object.__setattr__(self, "X_WT", checked_pose(self.X_WT, "grip: X_WT"))
 
     def at(self, X_WT: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Places of the nodes in the world when the tool is at `X_WT`, (k, 3), m."""
+        """Return the world positions (k, 3), m, of the nodes with the tool at X_WT."""
         return self.p_TN @ X_WT[:3, :3].T + X_WT[:3, 3]
 
 
@@ -71,17 +71,17 @@ Grips = tuple[Grip | None, Grip | None]
 
 @dataclass(frozen=True, eq=False)
 class ClothState(Shared):
-    """The whole state of a cloth of S = nx * ny nodes; node (i, j) is number i * ny + j.
+    """State of a cloth with S = nx * ny nodes; node (i, j) has the number i * ny + j.
 
     Attributes:
         time: s.
-        positions: world, (3, S), m. Nodes that are no cloth have some finite place.
+        positions: (3, S) in the world, m. Nodes that are not cloth have any finite position.
         velocities: (3, S), m/s.
-        curvatures: plastic rests of the bendings along i, the two diagonals and j, as second
-            differences of positions, (4, S), m.
+        curvatures: (4, S) plastic rest values of the bending along i, both diagonals and j, as
+            second differences of positions, m.
         grips: of the right and the left hand.
-        asleep: nothing moves and nothing will until a hand does.
-        quiet: for how long nothing has moved, s; the cloth falls asleep by it.
+        asleep: whether the cloth is at rest until a hand moves.
+        quiet: time since the last motion, s; see `QUIET_TIME`.
     """
 
     time: float
@@ -93,7 +93,7 @@ class ClothState(Shared):
     quiet: float = 0.0
 
     def __post_init__(self) -> None:
-        """Keep read-only arrays; refuse other shapes, NaN, and a node in both hands."""
+        """Check shapes, values and grips, and make the arrays read-only."""
         if not (np.isfinite(self.time) and np.isfinite(self.quiet)):
             raise InputError(f"cloth state: time {self.time} s, quiet {self.quiet} s; give numbers")
         positions = np.asarray(self.positions)
@@ -112,19 +112,19 @@ class ClothState(Shared):
 
     @property
     def held(self) -> bool:
-        """Whether any hand holds cloth."""
+        """Whether a hand holds cloth."""
         return any(grip is not None for grip in self.grips)
 
     @property
     def speed(self) -> float:
-        """Of the fastest node, along one axis, m/s."""
+        """Largest velocity component of any node, m/s."""
         return float(np.abs(self.velocities).max())
 
     def save(self, path: str | Path) -> None:
-        """Write to an `.npz`, whole or not at all.
+        """Write one `.npz`, atomically.
 
         Raises:
-            InputError: it cannot be written.
+            InputError: the file cannot be written.
         """
         header: dict[str, Any] = {
             "kind": "cloth state",
@@ -149,10 +149,10 @@ class ClothState(Shared):
 
     @staticmethod
     def load(path: str | Path) -> "ClothState":
-        """Read what `save` wrote, bit for bit.
+        """Load a state that `save` wrote, bit for bit.
 
         Raises:
-            InputError: missing, damaged, or no cloth state.
+            InputError: the file is missing, damaged, or not a cloth state.
         """
         header, arrays = load_archive(path)
         if header.get("kind") != "cloth state":

@@ -1,1 +1,1 @@
-"""Models of depth cameras: structured light and time of flight."""
+"""Depth camera models: structured light and time of flight."""

@@ -1,4 +1,4 @@
-"""What all models of depth cameras share: range, camera, and the angle that light meets a surface."""
+"""Base of the depth camera models: range, intrinsics, and the incidence angle of light."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, fields
@@ -14,15 +14,16 @@ from unwrinkle.perception.camera import Camera
 
 @dataclass(frozen=True)
 class DepthCameraModel(ABC):
-    """A depth camera.
+    """Depth camera model.
 
     Attributes:
         name: of the model.
         camera: pinhole intrinsics of the depth image, without distortion.
-        nearest, farthest: depths along the optical axis between which there are readings, metres.
+        nearest, farthest: least and largest depth of a reading along the optical axis, metres.
 
     Raises:
-        InputError: a number is not finite or negative, the range is empty, or the camera distorts.
+        InputError: a number is not finite or negative, the range is empty, or the camera has
+            distortion.
     """
 
     name: str = ""
@@ -31,7 +32,7 @@ class DepthCameraModel(ABC):
     farthest: float = 4.0
 
     def __post_init__(self) -> None:
-        """Refuse what no camera is."""
+        """Check the range of the parameters."""
         for item in fields(self):
             value = getattr(self, item.name)
             if isinstance(value, float | int) and not (isfinite(value) and value >= 0.0):
@@ -43,37 +44,38 @@ class DepthCameraModel(ABC):
 
     @property
     def near_plane(self) -> float:
-        """The `near` that a `Renderer` needs for this camera: what is nearer does not hide things.
+        """Near clipping plane that a `Renderer` needs for this camera, metres.
 
-        Its default of 0.40 m lets a camera look through all that is nearer.
+        Objects nearer than the renderer's near plane (0.40 m by default) are invisible and do not
+        occlude the scene.
         """
         return 0.5 * self.nearest
 
     @property
     @abstractmethod
     def ideal_camera(self) -> Camera:
-        """The camera of the exact depth image that `measured` starts from."""
+        """Camera of the exact depth image that `measured` takes."""
 
     @abstractmethod
     def measured(self, ideal: NDArray[np.floating[Any]], seed: int) -> NDArray[np.float32]:
-        """What the sensor makes of exact depth.
+        """Simulate the sensor's reading of an exact depth image.
 
         Args:
-            ideal: depth as `ideal_camera` sees it, metres, 0 where nothing is.
-            seed: of this look's noise; the specimen's own faults stay.
+            ideal: exact depth image of `ideal_camera`, metres; 0 for none.
+            seed: of the noise of this image; the errors of the individual sensor are fixed.
 
         Returns:
-            (h, w) depth of `camera`, metres; 0 where there is no reading, never NaN.
+            Depth (h, w) of `camera`, metres; 0 without a reading, never NaN.
 
         Raises:
-            InputError: the shape is not that of `ideal_camera`.
+            InputError: the shape differs from that of `ideal_camera`.
         """
 
     def _refusal(self, text: str) -> InputError:
         return InputError(f"depth camera {self.name!r}: {text}")
 
     def _exact(self, ideal: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-        """The exact depth as floats, nothing where it is not finite."""
+        """Return the exact depth as floats; 0 where it is not finite."""
         wanted = (self.ideal_camera.height, self.ideal_camera.width)
         if ideal.shape != wanted:
             raise self._refusal(
@@ -85,18 +87,19 @@ class DepthCameraModel(ABC):
 def incidence(
     depth: NDArray[np.float64], camera: Camera, source: float = 0.0
 ) -> NDArray[np.float64]:
-    """Cosine (h, w) of the angle between the surface's normal and the ray from a source.
+    """Return the cosine (h, w) of the angle between surface normal and the ray from a source.
 
-    The inverse depth of a plane is linear in the ray (x, y, 1), so its slopes give the normal
-    exactly. Of the slopes to either neighbour the gentler counts: edges are no steep faces.
+    The inverse depth of a plane is linear in the ray (x, y, 1), so that its slopes give the exact
+    normal. The smaller of the slopes to both neighbours is used, because depth edges are not steep
+    faces.
 
     Args:
-        depth: (h, w) metres, 0 where nothing is seen.
-        camera: its pinhole.
-        source: x of the light's source in the camera frame, metres; 0 is the camera itself.
+        depth: (h, w) metres, 0 for none.
+        camera: pinhole camera of the depth image.
+        source: x of the light source in the camera frame, metres; 0 for the camera itself.
 
     Returns:
-        1 is square on; 0 where nothing is seen.
+        1 for perpendicular incidence; 0 where there is no depth.
     """
     seen = depth > 0.0
     inverse = np.where(seen, 1.0 / np.where(seen, depth, 1.0), np.nan)
@@ -107,13 +110,13 @@ def incidence(
     ray_x = x - source * inverse
     dot = slope_x * ray_x + slope_y * y + along
     length = np.sqrt((slope_x**2 + slope_y**2 + along**2) * (ray_x**2 + y**2 + 1.0))
-    # A surface seen by the camera turns its back to the source where the sign is the other one.
+    # A negative sign means that a surface seen by the camera faces away from the source.
     cosine = np.divide(dot, length, out=np.zeros_like(dot), where=seen & (length > 0.0))
     return np.clip(np.nan_to_num(cosine), 0.0, 1.0)
 
 
 def _gentler(values: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
-    """The smaller difference to the neighbours along an axis; 0 where there is none."""
+    """Return the smaller difference to the neighbours along an axis; 0 without any."""
     steps = np.diff(values, axis=axis)
     end = np.full_like(np.take(values, [0], axis=axis), np.nan)
     before = np.concatenate([end, steps], axis=axis)

@@ -1,4 +1,4 @@
-"""Depth cameras of the cell: what an Xtion or a time-of-flight camera gives of a rendered scene."""
+"""Simulated depth cameras of the cell: loading of models, and their images of a scene."""
 
 from pathlib import Path
 
@@ -29,21 +29,22 @@ _KINDS: dict[str, type[DepthCameraModel]] = {
     "structured_light": StructuredLightCamera,
     "time_of_flight": TimeOfFlightCamera,
 }
+#: Samples per pixel along either axis of the colour image.
 _COLOUR_QUALITY = 2
 
 
 def depth_camera_names() -> tuple[str, ...]:
-    """Return the names of the depth cameras that the package describes."""
+    """Return the names of the depth cameras that the package ships."""
     return tuple(sorted(path.stem for path in (models_dir() / "depth_cameras").glob("*.yaml")))
 
 
 def load_depth_camera(name: str | Path) -> DepthCameraModel:
-    """Return the depth camera of that name, or the one that a YAML file describes.
+    """Load a depth camera by its name in the package or from a YAML file.
 
-    The file's one key at the root says the kind: `structured_light` or `time_of_flight`.
+    The only key at the file's root is the kind: `structured_light` or `time_of_flight`.
 
     Raises:
-        InputError: unknown name, missing file, unknown kind or key, or values no camera has.
+        InputError: unknown name, missing file, unknown kind or key, or a value out of range.
     """
     path = Path(name)
     if str(name) in depth_camera_names():
@@ -59,30 +60,30 @@ def load_depth_camera(name: str | Path) -> DepthCameraModel:
 def depth_reading(
     renderer: Renderer, model: DepthCameraModel, X_WC: Pose, seed: int
 ) -> NDArray[np.float32]:
-    """One look of a depth camera, whatever it shows.
+    """Simulate the depth image of a scene.
 
     Args:
-        renderer: the scene; made with `near` of `model.near_plane` or less where something may be
-            nearer than its default (the camera would look through it).
+        renderer: the scene; its `near` must be at most `model.near_plane` if objects may be nearer
+            than its default (they would be invisible).
         model: the camera.
-        X_WC: (4, 4) pose of its depth image's camera.
-        seed: of this look's noise.
+        X_WC: (4, 4) pose of the depth image's camera.
+        seed: of the noise.
 
     Returns:
-        (h, w) depth, metres; 0 for no reading, all 0 where nothing is in range.
+        Depth (h, w), metres; 0 without a reading.
     """
     return model.measured(renderer.depth(model.ideal_camera, X_WC), seed)
 
 
 def depth_image(renderer: Renderer, model: DepthCameraModel, X_WC: Pose, seed: int) -> Capture:
-    """One look of a depth camera as a capture, its colour registered to depth.
+    """Simulate a capture of a scene, with colour registered to depth.
 
     Args:
-        renderer, model, X_WC, seed: as `depth_reading` takes them.
+        renderer, model, X_WC, seed: see `depth_reading`.
 
     Raises:
-        InputError: what `Capture` refuses: nothing in range, or more than half of the image
-            without a reading.
+        InputError: see `Capture`: nothing in range, or more than half of the image without a
+            reading.
     """
     return Capture(
         depth=depth_reading(renderer, model, X_WC, seed),

@@ -1,9 +1,9 @@
-"""Structured light (Kinect v1, Xtion): depth from the disparity of a projected pattern.
+"""Structured-light depth cameras (Kinect v1, Xtion): depth from the disparity of a pattern.
 
-A window of the infrared picture is matched with the pattern. Hence everything that such a camera
-does: steps of equal disparity, noise that is alike over a window, no reading where the pattern does
-not fall or where it is too distorted to be matched, and the edges of the surface that fills most of
-the window.
+A window of the infrared image is matched with the projected pattern. This causes the errors of such
+cameras: quantisation in disparity, noise correlated over a window, no reading in the projector's
+shadow or where the pattern is too distorted, and edges of the surface that fills most of the
+window.
 """
 
 import dataclasses as dc
@@ -21,34 +21,40 @@ from unwrinkle.simulation.depth_cameras._base import DepthCameraModel, incidence
 
 Image = NDArray[np.float64]
 
-_BAND_WIDTHS = (0.6, 1.4)  # of the mean one
-_EDGE_SIZE = 2.0  # px, sigma over which an edge wanders alike
+#: Range of a vertical band's width, multiples of the mean width.
+_BAND_WIDTHS = (0.6, 1.4)
+
+#: Sigma of the spatial correlation of edge shifts, pixels.
+_EDGE_SIGMA_PX = 2.0
 
 
 @dataclass(frozen=True)
 class StructuredLightCamera(DepthCameraModel):
-    """A camera and a projector of dots, side by side.
+    """Camera and dot projector side by side.
 
     Attributes:
-        baseline: projector's x in the camera frame, metres; it looks where the camera looks.
-        inverse_step: step of inverse depth, 1/m; steps are (z^2 inverse_step) apart in depth.
-        depth_unit: readings are whole multiples of this, metres.
-        window: side of the matched window, pixels, odd.
-        matched: least share of a window that must be lit and belong to one surface.
-        agreement: pixels of one surface differ by less from the window's own, steps.
-        steepest: largest angle from square on, to camera and projector, that is matched, degrees.
-        window_noise: standard deviation of the noise that is alike over a window, steps.
-        blotch_noise, blotch_size: of the slow noise, steps, and its sigma, pixels.
-        angle_noise: with angle t from square on noise grows by 1 + this * t^2 / (pi/2 - t)^2.
-        edge_noise: standard deviation of an edge's place, pixels.
-        bow: steps of the specimen's bias at the image's ends: of u^2, u v and v^2, u, v in -1..1.
-        band_width, band_spread: mean width of its vertical bands, pixels, and standard deviation of
-            the bias at a band's either end, steps; between its ends it is linear.
-        blind_columns: at the image's left, never measured.
-        unit: seed of the specimen's bands.
+        baseline: x of the projector in the camera frame, metres; its axis is parallel to the
+            camera's.
+        inverse_step: quantisation step of inverse depth, 1/m; the depth step is z^2 inverse_step.
+        depth_unit: readings are multiples of this, metres.
+        window: side of the matching window, pixels, odd.
+        matched: least fraction of a window that is lit and belongs to one surface.
+        agreement: largest difference within one surface, steps.
+        steepest: largest incidence angle, to camera and projector, of a match, degrees.
+        window_noise: standard deviation of the noise correlated over a window, steps.
+        blotch_noise, blotch_size: standard deviation, steps, and sigma, pixels, of the
+            low-frequency noise.
+        angle_noise: growth of the noise by 1 + angle_noise * t^2 / (pi/2 - t)^2 at incidence angle
+            t.
+        edge_noise: standard deviation of an edge's position, pixels.
+        bow: bias of the individual sensor, steps: coefficients of u^2, u v and v^2, u, v in -1..1.
+        band_width, band_spread: mean width of the vertical bands, pixels, and standard deviation of
+            the bias at either end of a band, steps; it is linear in between.
+        blind_columns: number of columns without readings at the image's left.
+        unit: seed of the individual sensor's bands.
 
     Raises:
-        InputError: as `DepthCameraModel`; a window that is even, or a share beyond 1.
+        InputError: as `DepthCameraModel`; or a parameter is out of range.
     """
 
     baseline: float = 0.075
@@ -70,7 +76,7 @@ class StructuredLightCamera(DepthCameraModel):
     unit: int = 1
 
     def __post_init__(self) -> None:
-        """Refuse what no such camera is."""
+        """Check the range of the parameters."""
         super().__post_init__()
         if self.window % 2 == 0 or not 1 <= self.window <= 31:
             raise self._refusal(f"window = {self.window} must be odd, 1 to 31 pixels")
@@ -87,11 +93,11 @@ class StructuredLightCamera(DepthCameraModel):
 
     @property
     def ideal_camera(self) -> Camera:
-        """The camera, wider to the right: what is there can keep the projector's light away."""
+        """The camera, extended to the right: objects there can shadow the projector."""
         return dc.replace(self.camera, width=self.camera.width + self._margin)
 
     def measured(self, ideal: NDArray[np.floating[Any]], seed: int) -> NDArray[np.float32]:
-        """Depth from matching; see `DepthCameraModel.measured`."""
+        """Simulate the reading; see `DepthCameraModel.measured`."""
         depth = self._exact(ideal)
         width = self.camera.width
         usable = self.lit(depth) & (depth >= self.nearest) & (depth <= self.farthest)
@@ -114,11 +120,10 @@ class StructuredLightCamera(DepthCameraModel):
         return np.where(found, reading, 0.0).astype(np.float32)
 
     def lit(self, depth: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Where the projector's light falls, (h, w) bool, by what the camera sees of the scene.
+        """Return the mask (h, w) of lit pixels, by the exact depth image (h, w), metres.
 
-        Seen from the projector a point is shifted to the left by its disparity. Points that the
-        camera sees in one order and the projector in the other cannot both be lit: the farther
-        one, which is the left one, lies in the shadow.
+        From the projector, a point is shifted to the left by its disparity. If two points appear in
+        opposite order to camera and projector, the farther (left) one is in the shadow.
         """
         seen = depth > 0.0
         disparity = self.camera.fx * self.baseline / np.where(seen, depth, np.inf)
@@ -127,7 +132,7 @@ class StructuredLightCamera(DepthCameraModel):
         return np.asarray(seen & (place <= right))
 
     def specimen_bias(self) -> Image:
-        """Bias (h, w) of this specimen, steps: a bow over the image, and vertical bands."""
+        """Return the bias (h, w) of the individual sensor, steps: a bow and vertical bands."""
         v, u = (np.linspace(-1.0, 1.0, n) for n in (self.camera.height, self.camera.width))
         across, mixed, down = self.bow
         bias = across * u**2 + mixed * np.outer(v, u) + down * v[:, None] ** 2
@@ -143,25 +148,27 @@ class StructuredLightCamera(DepthCameraModel):
 
     @property
     def _margin(self) -> int:
-        """Columns by which the nearest things can throw their shadow to the left."""
+        """Largest width of a shadow, columns."""
         return ceil(self.camera.fx * self.baseline / self.nearest)
 
     def _noise(self, cosine: Image, rng: np.random.Generator) -> Image:
         white = rng.standard_normal(cosine.shape)
         alike = cv2.boxFilter(white, -1, (self.window, self.window)) * self.window
         slow = cv2.GaussianBlur(rng.standard_normal(cosine.shape), (0, 0), self.blotch_size)
-        slow *= 2.0 * np.sqrt(np.pi) * self.blotch_size  # the blur's loss
+        slow *= (
+            2.0 * np.sqrt(np.pi) * self.blotch_size
+        )  # restores the standard deviation after the blur
         angle = np.arccos(np.clip(cosine, 0.0, 1.0))
         angle = np.minimum(angle, np.radians(self.steepest))
         growth = 1.0 + self.angle_noise * (angle / (0.5 * np.pi - angle)) ** 2
         return np.asarray(growth * (self.window_noise * alike + self.blotch_noise * slow))
 
     def _wandering(self, steps: Image, rng: np.random.Generator) -> Image:
-        """Steps with edges that wander; smooth surfaces stay as they are."""
+        """Shift the edges at random; smooth surfaces are unchanged."""
         rows, columns = np.indices(steps.shape)
-        scale = 2.0 * np.sqrt(np.pi) * _EDGE_SIZE * self.edge_noise
+        scale = 2.0 * np.sqrt(np.pi) * _EDGE_SIGMA_PX * self.edge_noise
         for index, last in ((rows, steps.shape[0] - 1), (columns, steps.shape[1] - 1)):
-            shift = cv2.GaussianBlur(rng.standard_normal(steps.shape), (0, 0), _EDGE_SIZE)
+            shift = cv2.GaussianBlur(rng.standard_normal(steps.shape), (0, 0), _EDGE_SIGMA_PX)
             index += np.rint(scale * shift).astype(index.dtype)
             np.clip(index, 0, last, out=index)
         moved = steps[rows, columns]
@@ -171,9 +178,9 @@ class StructuredLightCamera(DepthCameraModel):
 
 @numba.njit(cache=True, parallel=True)
 def _matched(steps: Image, half: int, share: float, agreement: float) -> Image:
-    """Mean over the window of the surface that fills most of it; NaN where none fills the share.
+    """Return the mean over each window of its largest surface; NaN below the least share.
 
-    The pixel's own surface comes first, then those at the middles of the window's sides.
+    Candidates are the surfaces at the pixel itself and at the middles of the window's sides.
     """
     rows, columns = steps.shape
     result = np.full((rows, columns), np.nan)

@@ -1,7 +1,7 @@
-"""Time of flight with continuous waves (PMD CamCube): depth from the phase of the light's return.
+"""Continuous-wave time-of-flight cameras (PMD CamCube): depth from the phase of returned light.
 
-A pixel adds up the waves of all that it sees. Where it sees a near and a far surface, the phase of
-the sum lies between theirs: a flying pixel, in the air where nothing is.
+A pixel integrates the waves of all surfaces in its view. At a depth edge the phase of the sum lies
+between those of the near and the far surface (a flying pixel).
 """
 
 from dataclasses import dataclass
@@ -14,25 +14,28 @@ from numpy.typing import NDArray
 from unwrinkle.perception.camera import Camera
 from unwrinkle.simulation.depth_cameras._base import DepthCameraModel, incidence
 
-_LIGHT = 299_792_458.0  # m/s
+#: Speed of light, m/s.
+_SPEED_OF_LIGHT_M_S = 299_792_458.0
 
 
 @dataclass(frozen=True)
 class TimeOfFlightCamera(DepthCameraModel):
-    """A camera with a lamp around its lens whose light is modulated.
+    """Camera with a modulated light source around its lens.
 
     Attributes:
         modulation: frequency, Hz.
-        oversampling: n: a pixel adds up n x n rays.
-        blur: sigma of lens and crosstalk, pixels.
-        range_noise: standard deviation of the range of a surface square on at 1 m, metres.
-        active_share: share of the background light there that is the lamp's own, 0 to 1.
-        least_amplitude: below this share of the amplitude there, there is no reading.
+        oversampling: n for n x n rays per pixel.
+        blur: sigma of lens blur and crosstalk, pixels.
+        range_noise: standard deviation of the range of a perpendicular surface at 1 m, metres.
+        active_share: fraction of the total light from that surface that is the camera's own, 0 to
+            1.
+        least_amplitude: least amplitude of a reading, relative to that surface.
         pixel_offsets: standard deviation of the pixels' fixed offsets, metres.
-        unit: seed of the specimen's offsets.
+        unit: seed of the individual sensor's offsets.
 
     Raises:
-        InputError: as `DepthCameraModel`; a range beyond half a wavelength, which is ambiguous.
+        InputError: as `DepthCameraModel`; a parameter is out of range, or the range exceeds half a
+            wavelength, beyond which it is ambiguous.
     """
 
     modulation: float = 20e6
@@ -45,7 +48,7 @@ class TimeOfFlightCamera(DepthCameraModel):
     unit: int = 1
 
     def __post_init__(self) -> None:
-        """Refuse what no such camera is."""
+        """Check the range of the parameters."""
         super().__post_init__()
         if not 1 <= self.oversampling <= 16 or self.active_share > 1.0:
             raise self._refusal(
@@ -60,19 +63,19 @@ class TimeOfFlightCamera(DepthCameraModel):
 
     @property
     def unambiguous(self) -> float:
-        """Half the wavelength of the modulation, metres."""
-        return 0.5 * _LIGHT / self.modulation if self.modulation > 0.0 else 0.0
+        """Unambiguous range: half the wavelength of the modulation, metres."""
+        return 0.5 * _SPEED_OF_LIGHT_M_S / self.modulation if self.modulation > 0.0 else 0.0
 
     @property
     def ideal_camera(self) -> Camera:
-        """The camera with n x n pixels for each."""
+        """The camera with n x n pixels per pixel."""
         return self.camera.scaled(float(self.oversampling))
 
     def measured(self, ideal: NDArray[np.floating[Any]], seed: int) -> NDArray[np.float32]:
-        """Depth from phase; see `DepthCameraModel.measured`.
+        """Simulate the reading; see `DepthCameraModel.measured`.
 
-        Range noise is that of R. Lange, P. Seitz, IEEE J. Quantum Electronics 37 (2001): the root
-        of the background over the amplitude.
+        The range noise is proportional to the square root of the total light over the amplitude
+        (R. Lange, P. Seitz, IEEE J. Quantum Electronics 37, 2001).
         """
         wave = self.return_wave(self._exact(ideal))
         amplitude = np.abs(wave)
@@ -91,16 +94,15 @@ class TimeOfFlightCamera(DepthCameraModel):
         return np.where(found, reading, 0.0).astype(np.float32)
 
     def return_wave(self, depth: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """The wave (h, w) that each pixel adds up: amplitude 1 is that of 1 m, square on.
+        """Return the integrated wave (h, w) of each pixel, relative to a surface at 1 m.
 
         Args:
-            depth: exact, as `ideal_camera` sees it, metres, 0 where nothing is.
+            depth: exact depth image of `ideal_camera`, metres; 0 for none.
         """
         x, y = self.ideal_camera.rays()
         distance = depth * np.sqrt(x * x + y * y + 1.0)
         seen = depth > 0.0
-        # The lamp's light thins out with the square of the distance; cloth and wood scatter by
-        # Lambert's law.
+        # Inverse-square law of the illumination, and Lambertian reflection.
         amplitude = incidence(depth, self.ideal_camera) / np.where(seen, distance, np.inf) ** 2
         phase = 2.0 * np.pi * distance / self.unambiguous
         wave = np.stack([amplitude * np.cos(phase), amplitude * np.sin(phase)], axis=-1)

@@ -1,1 +1,1 @@
-"""Rendered pictures of the cell and of known shapes."""
+"""Rendering: images and exact depth of the cell, textured meshes, image noise."""

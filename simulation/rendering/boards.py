@@ -1,7 +1,7 @@
-"""Calibration boards as things in a scene: chessboards and ChArUco, with their corners known.
+"""Rendered calibration boards (chessboard and ChArUco) with known corners.
 
 Board frame B: origin at the outer top left corner of the pattern, x along its rows to the right, y
-down its columns, z into the board, away from whoever looks at it (OpenCV's convention for boards).
+down its columns, z into the board, away from the viewer (OpenCV's convention for boards).
 """
 
 import dataclasses as dc
@@ -16,19 +16,27 @@ from unwrinkle.models.errors import InputError
 from unwrinkle.simulation.rendering.meshes import TexturedMesh
 from unwrinkle.simulation.rendering.textures import Texture
 
-_BLACK, _WHITE = 22, 232  # print and paper
-_TEXEL = 0.0002
-_MOST_TEXELS = 6000
+#: Grey level of the print.
+_BLACK = 22
+
+#: Grey level of the paper.
+_WHITE = 232
+
+#: Default largest texel, metres.
+_TEXEL_M = 0.0002
+
+#: Limit of the texels along a side.
+_MAX_TEXELS = 6000
 
 
 @dataclass(frozen=True, eq=False)
 class RenderedBoard:
-    """A flat board of squares.
+    """Mesh of a calibration board with its corners.
 
     Attributes:
-        mesh: what to put into a scene; its frame is B. Move it by its name.
-        corners: (n, 3) inner corners of the squares p_BQ, row by row, metres.
-        squares: columns and rows of squares.
+        mesh: item for a scene, in frame B.
+        corners: (n, 3) inner corners p_BQ, row by row, metres.
+        squares: numbers of columns and rows of squares.
         square: side of a square, metres.
     """
 
@@ -38,7 +46,7 @@ class RenderedBoard:
     square: float
 
     def at(self, X_WB: NDArray[np.floating[Any]]) -> "RenderedBoard":
-        """Return the same board at a pose (4, 4)."""
+        """Return the board at a pose X_WB (4, 4)."""
         mesh = dc.replace(self.mesh, X_WM=np.asarray(X_WB, dtype=float))
         return dc.replace(self, mesh=mesh)
 
@@ -49,19 +57,20 @@ def chessboard(
     square: float,
     *,
     name: str = "board",
-    texel: float = _TEXEL,
+    texel: float = _TEXEL_M,
 ) -> RenderedBoard:
-    """A chessboard of columns x rows squares with a white margin one square wide.
+    """Build a chessboard of columns x rows squares with a white margin one square wide.
 
     Args:
-        columns, rows: squares, one more than inner corners along that side.
+        columns, rows: squares along each side, one more than inner corners.
         square: side of a square, metres.
         name: of the item in the scene.
-        texel: at most so large are the texels, metres; at 2.4 m a pixel of the stereo head sees
-            0.33 mm. Render with `quality` 2 or more.
+        texel: largest texel, metres; at 2.4 m a pixel of the stereo head covers 0.33 mm. Render
+            with `quality` 2 or more.
 
     Raises:
-        InputError: fewer than 3 squares along a side, or no positive size.
+        InputError: fewer than 3 squares along a side, a size that is not positive, or too many
+            texels.
     """
     count = _texels(columns, rows, square, texel)
     white = np.add.outer(np.arange(rows), np.arange(columns)) % 2
@@ -77,16 +86,16 @@ def charuco_board(
     *,
     dictionary: int = cv2.aruco.DICT_5X5_100,
     name: str = "board",
-    texel: float = _TEXEL,
+    texel: float = _TEXEL_M,
 ) -> RenderedBoard:
-    """A ChArUco board, as `cv2.aruco.CharucoBoard((columns, rows), square, marker, ...)` draws it.
+    """Build a ChArUco board as `cv2.aruco.CharucoBoard((columns, rows), square, marker)` draws it.
 
     Args:
-        columns, rows: squares.
+        columns, rows: squares along each side.
         square, marker: sides of a square and of a marker, metres.
-        dictionary: of the markers, one of OpenCV's numbers.
+        dictionary: OpenCV's number of the marker dictionary.
         name: of the item in the scene.
-        texel: at most so large are the texels, metres.
+        texel: largest texel, metres.
 
     Raises:
         InputError: as `chessboard`, or a marker that does not fit its square.
@@ -102,16 +111,16 @@ def charuco_board(
 
 
 def _texels(columns: int, rows: int, square: float, texel: float) -> int:
-    """Texels along the side of a square."""
+    """Return the number of texels along the side of a square."""
     if min(columns, rows) < 3 or not (np.isfinite(square) and square > 0.0 and texel > 0.0):
         raise InputError(
             f"board: {columns} x {rows} squares of {square} m with texels of {texel} m; wanted 3 "
             "squares or more along each side, and positive sizes"
         )
     count = int(np.ceil(square / texel))
-    if count * (max(columns, rows) + 2) > _MOST_TEXELS:
+    if count * (max(columns, rows) + 2) > _MAX_TEXELS:
         raise InputError(
-            f"board: {max(columns, rows)} squares of {count} texels are over {_MOST_TEXELS} texels "
+            f"board: {max(columns, rows)} squares of {count} texels are over {_MAX_TEXELS} texels "
             "along a side; make the texels larger"
         )
     return count
@@ -129,7 +138,7 @@ def _board(
     mesh = TexturedMesh(
         name=name,
         vertices=np.column_stack([x, y, np.zeros(4)]),
-        triangles=np.array([[0, 1, 3], [0, 3, 2]]),  # faces -z, towards who looks at it
+        triangles=np.array([[0, 1, 3], [0, 3, 2]]),  # faces -z, towards the viewer
         uv=np.column_stack([u, v]),
         texture=Texture(np.repeat(grey[..., None], 3, axis=2)),
     )

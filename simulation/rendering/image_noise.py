@@ -1,8 +1,8 @@
-"""From the renderer's ideal picture to a photograph: lens, sensor, and the pair that two eyes take.
+"""Simulated photographs from ideal images: lens distortion, blur, vignetting and sensor noise.
 
-The lens' distortion and blur are one sum: each pixel is a Gaussian mean of the ideal picture around
-the place that its ray comes from. A Gaussian of 0.4 pixels or more is itself a good interpolator,
-so nothing else blurs the picture, and places are exact (cv2.remap rounds them to 1/32 pixel).
+Distortion and blur are one sum: each pixel is a Gaussian mean of the ideal image around the
+position of its ray. A Gaussian of 0.4 pixels or more is itself a good interpolator, so that no
+further blur occurs, and positions are exact (cv2.remap rounds them to 1/32 pixel).
 """
 
 import dataclasses as dc
@@ -19,29 +19,42 @@ from unwrinkle.models.errors import InputError
 from unwrinkle.perception.camera import Camera
 from unwrinkle.simulation.rendering.renderer import Renderer
 
+#: Sub-pixel phases of the interpolation weights.
 _PHASES = 1024
-_REACH = 3.3  # the blur's sum goes this many sigmas far
-_INVERSIONS = 12  # fixed-point steps; each gains a factor of 20 or more
-_STRIP = 256
-_SEGMENT = 8  # places are exact at every 8th pixel of a row, between them to 0.0003 pixels
-_LEAST_BLUR = 0.4
-_GREY = np.array([0.299, 0.587, 0.114], dtype=np.float32)
+
+#: Radius of the blur kernel, multiples of sigma.
+_KERNEL_SIGMAS = 3.3
+
+#: Fixed-point iterations of the undistortion; each reduces the error by a factor of 20 or more.
+_UNDISTORTION_ITERATIONS = 12
+
+#: Rows of the image that are computed at once.
+_BLOCK_ROWS = 256
+
+#: Pixels of a row between exactly computed positions; interpolated ones are within 0.0003 pixels.
+_SEGMENT_PX = 8
+
+#: Least sigma of the blur, pixels; a narrower Gaussian cannot interpolate.
+_MIN_BLUR_PX = 0.4
+
+#: Weights of red, green and blue in the grey level.
+_GREY_WEIGHTS = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 
 
 @dataclass(frozen=True)
 class SensorModel:
-    """What lens and sensor do to a picture.
+    """Parameters of lens and sensor.
 
     Attributes:
-        blur: sigma of the lens' blur, pixels.
-        vignetting: loss of light in the image's corners, growing with the square of the distance
-            from its middle; 0.15 is 15 %.
-        mismatch: the left eye is brighter by this share, half of it each way.
-        shot_gain: grey levels per photo-electron: variance per grey level.
+        blur: sigma of the lens blur, pixels.
+        vignetting: relative loss of light in the image's corners; it grows with the square of the
+            distance from the centre.
+        mismatch: relative brightness difference of the left to the right eye.
+        shot_gain: variance per grey level (grey levels per photo-electron).
         read_noise: standard deviation in the dark, grey levels.
 
     Raises:
-        InputError: a negative number, or a blur that is neither 0 nor at least 0.4.
+        InputError: a parameter is out of range, or the blur is neither 0 nor at least 0.4.
     """
 
     blur: float = 0.6
@@ -51,28 +64,28 @@ class SensorModel:
     read_noise: float = 1.2
 
     def __post_init__(self) -> None:
-        """Refuse what no sensor does."""
+        """Check the range of the parameters."""
         values = dc.astuple(self)
         if not np.isfinite(values).all() or min(self.blur, self.shot_gain, self.read_noise) < 0.0:
             raise InputError(f"sensor model: {self} has a negative number, or one not finite")
-        if 0.0 < self.blur < _LEAST_BLUR or self.blur > 8.0:
+        if 0.0 < self.blur < _MIN_BLUR_PX or self.blur > 8.0:
             raise InputError(
-                f"sensor model: blur {self.blur} px, wanted 0 or {_LEAST_BLUR} to 8; a narrower "
+                f"sensor model: blur {self.blur} px, wanted 0 or {_MIN_BLUR_PX} to 8; a narrower "
                 "one cannot interpolate"
             )
         if not (0.0 <= self.vignetting < 1.0 and abs(self.mismatch) < 1.0):
             raise InputError(f"sensor model: {self} needs vignetting 0 to 1, mismatch -1 to 1")
 
 
-#: Neither blur nor noise nor uneven light.
+#: Model without blur, noise or vignetting.
 IDEAL = SensorModel(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def oversized(camera: Camera, model: SensorModel | None = None) -> Camera:
-    """Pinhole camera of the same focal lengths that sees all that the distorted one sees.
+    """Return the pinhole camera of the same focal lengths that covers the distorted one's view.
 
     Raises:
-        InputError: the distortion folds the image over itself.
+        InputError: the distortion is not invertible within the image.
     """
     reach = 1 + _reach((model or SensorModel()).blur)
     low, high = _undistorted_bounds(camera)
@@ -98,24 +111,24 @@ def photograph(
     seed: int,
     gain: float = 1.0,
 ) -> NDArray[np.uint8]:
-    """What the camera's sensor gives of an ideal picture.
+    """Simulate a photograph from an ideal image.
 
-    The noise is that of the grey value, alike in the three channels: matching works on grey, and
-    channels with noise of their own would average it down.
+    The noise is that of the grey level, the same in all three channels: matching uses grey levels,
+    and independent noise of the channels would average out.
 
     Args:
-        ideal: (h', w', 3) or (h', w') uint8, as `ideal_camera` sees it.
-        ideal_camera: of `oversized(camera)`.
-        camera: with its distortion.
-        model: of lens and sensor; None takes the default.
+        ideal: (h', w', 3) or (h', w') uint8 image of `ideal_camera`.
+        ideal_camera: `oversized(camera)`.
+        camera: camera with its distortion.
+        model: lens and sensor; None for the default.
         seed: of the noise.
         gain: brightness of this eye.
 
     Returns:
-        (h, w, 3) or (h, w) uint8 of the camera's own size.
+        The photograph, (h, w, 3) or (h, w) uint8, of the camera's size.
 
     Raises:
-        InputError: the ideal picture has not the size of its camera.
+        InputError: the size of the ideal image differs from its camera's.
     """
     model = model or SensorModel()
     if ideal.shape[:2] != (ideal_camera.height, ideal_camera.width):
@@ -129,9 +142,9 @@ def photograph(
     lens = _lens(camera)
     shift = np.array([ideal_camera.cx - camera.cx, ideal_camera.cy - camera.cy])
     rng = np.random.default_rng(seed)
-    grey = _GREY if source.shape[2] == 3 else np.ones(source.shape[2], dtype=np.float32)
-    for top in range(0, camera.height, _STRIP):
-        rows = min(_STRIP, camera.height - top)
+    grey = _GREY_WEIGHTS if source.shape[2] == 3 else np.ones(source.shape[2], dtype=np.float32)
+    for top in range(0, camera.height, _BLOCK_ROWS):
+        rows = min(_BLOCK_ROWS, camera.height - top)
         light = np.empty((rows, camera.width, source.shape[2]), dtype=np.float32)
         _resample(source, weights, lens, shift, top, light)
         light *= np.float32(gain) * _vignette(camera, model.vignetting, top, rows)[..., None]
@@ -155,24 +168,23 @@ def photograph_pair(
     model: SensorModel | None = None,
     quality: int | None = None,
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Photograph a scene with two cameras at once.
+    """Simulate a simultaneous pair of photographs of a scene.
 
     Args:
         renderer: the scene.
-        eyes: left camera, its pose X_WL (4, 4), right camera, its pose X_WR.
-        seed: of the noise; another one for each look.
-        scale: 1, or 1/2, 1/4, 1/8...: area averages of the full photographs, as `scaled_camera`
-            describes them.
-        colour: RGB pictures, else grey ones.
-        model: of lens and sensor; None takes the default.
-        quality: samples per pixel along either axis, see `Renderer.colour`; None takes 2 for full
-            photographs, 1 where they are averaged down anyway.
+        eyes: left camera, its pose X_WL (4, 4), right camera, its pose X_WR (4, 4).
+        seed: of the noise; use another one for each pair.
+        scale: 1, 1/2, 1/4 and so on: area averages of the full photographs, see `scaled_camera`.
+        colour: RGB instead of grey images.
+        model: lens and sensor; None for the default.
+        quality: samples per pixel along either axis, see `Renderer.colour`; None for 2, or 1 if the
+            photographs are reduced.
 
     Returns:
-        Left and right picture, (h, w, 3) or (h, w) uint8.
+        Left and right photograph, (h, w, 3) or (h, w) uint8.
 
     Raises:
-        InputError: a scale that does not divide the images.
+        InputError: the scale does not divide the image size.
     """
     model = model or SensorModel()
     left, X_WL, right, X_WR = eyes
@@ -198,10 +210,10 @@ def photograph_pair(
 
 
 def scaled_camera(camera: Camera, scale: float) -> Camera:
-    """Intrinsics of a picture averaged down over blocks of 1/scale x 1/scale pixels.
+    """Return the camera of an image averaged over blocks of 1/scale x 1/scale pixels.
 
     Raises:
-        InputError: 1/scale is no whole number, or does not divide the image.
+        InputError: 1/scale is not an integer, or does not divide the image size.
     """
     block = round(1.0 / scale) if 0.0 < scale <= 1.0 else 0
     if block < 1 or abs(block * scale - 1.0) > 1e-9:
@@ -215,18 +227,16 @@ def scaled_camera(camera: Camera, scale: float) -> Camera:
 
 
 def _reach(blur: float) -> int:
-    return max(1, ceil(_REACH * blur))
+    return max(1, ceil(_KERNEL_SIGMAS * blur))
 
 
 def _blur_weights(blur: float) -> NDArray[np.float32]:
-    """Weights (phases, taps) of the pixels around a place, by the fraction of its coordinate."""
+    """Return the weights (phases, taps) of the neighbouring pixels by sub-pixel phase."""
     reach = _reach(blur)
     taps = np.arange(1 - reach, 1 + reach, dtype=float)
     away = taps - ((np.arange(_PHASES) + 0.5) / _PHASES)[:, None]
     if blur == 0.0:
-        weights = np.maximum(
-            0.0, 1.0 - np.abs(away)
-        )  # bilinear: exact where there is no distortion
+        weights = np.maximum(0.0, 1.0 - np.abs(away))  # bilinear: exact without distortion
         weights[0] = taps == 0.0
     else:
         weights = np.exp(-0.5 * (away / blur) ** 2)
@@ -242,7 +252,7 @@ def _lens(camera: Camera) -> NDArray[np.float64]:
 
 
 def _undistorted_bounds(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Least and greatest ideal pixel coordinates, each (2,), of the image's border."""
+    """Return the least and greatest undistorted coordinates, each (2,), of the image's border."""
     u = np.linspace(0.0, camera.width - 1.0, 65)
     v = np.linspace(0.0, camera.height - 1.0, 65)
     border = np.concatenate(
@@ -262,7 +272,7 @@ def _undistorted_bounds(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np
 
 
 def _vignette(camera: Camera, loss: float, top: int, rows: int) -> NDArray[np.float32]:
-    """Share of the light (rows, width) that reaches the sensor."""
+    """Return the relative illumination (rows, width) of the sensor."""
     middle = np.array([camera.width - 1, camera.height - 1]) / 2.0
     x = (np.arange(camera.width) - middle[0]) ** 2
     y = (np.arange(top, top + rows) - middle[1]) ** 2
@@ -272,10 +282,10 @@ def _vignette(camera: Camera, loss: float, top: int, rows: int) -> NDArray[np.fl
 
 @numba.njit(cache=True)
 def _undistorted(lens: NDArray[np.float64], u: float, v: float) -> tuple[float, float]:
-    """Pixel that an ideal camera has for the ray of pixel (u, v); inverts OpenCV's distortion."""
+    """Return the undistorted pixel of (u, v): inverts OpenCV's distortion by fixed-point steps."""
     x_seen, y_seen = (u - lens[2]) / lens[0], (v - lens[3]) / lens[1]
     x, y = x_seen, y_seen
-    for _ in range(_INVERSIONS):
+    for _ in range(_UNDISTORTION_ITERATIONS):
         r2 = x * x + y * y
         radial = 1.0 + r2 * (lens[4] + r2 * (lens[5] + r2 * lens[8]))
         dx = 2.0 * lens[6] * x * y + lens[7] * (r2 + 2.0 * x * x)
@@ -293,7 +303,7 @@ def _resample(
     top: int,
     result: NDArray[np.float32],
 ) -> None:
-    """Fill rows of the photograph (rows, width, channels), the first of which is row `top`."""
+    """Compute rows of the photograph (rows, width, channels), starting at row `top`."""
     rows, width, channels = result.shape
     height_in, width_in = source.shape[:2]
     phases, taps = weights.shape
@@ -302,11 +312,11 @@ def _resample(
         u_next, v_next = _undistorted(lens, 0.0, float(i + top))
         u, v, u_step, v_step = u_next, v_next, 0.0, 0.0
         for j in range(width):
-            if j % _SEGMENT == 0:
+            if j % _SEGMENT_PX == 0:
                 u, v = u_next, v_next
-                u_next, v_next = _undistorted(lens, float(j + _SEGMENT), float(i + top))
-                u_step, v_step = (u_next - u) / _SEGMENT, (v_next - v) / _SEGMENT
-                # A coordinate a hair below a whole number must not take the pixel before it.
+                u_next, v_next = _undistorted(lens, float(j + _SEGMENT_PX), float(i + top))
+                u_step, v_step = (u_next - u) / _SEGMENT_PX, (v_next - v) / _SEGMENT_PX
+                # Rounding just below an integer must not select the pixel before it.
                 u += shift[0] + 1e-9
                 v += shift[1] + 1e-9
             else:

@@ -1,6 +1,6 @@
-"""Textured triangle meshes for the renderer: from height fields, rectangles, or any vertices.
+"""Textured triangle meshes for the renderer, from height fields, rectangles or vertices.
 
-A mesh travels to the renderer as a Wavefront OBJ held in memory, with its texture as PNG.
+A mesh is passed to the renderer as a Wavefront OBJ in memory, with its texture as PNG.
 """
 
 from collections.abc import Callable
@@ -17,26 +17,29 @@ from unwrinkle.simulation.rendering.textures import Texture, cloth
 
 HeightField = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 
-_DIGITS = 7  # decimals of a coordinate in the OBJ: 0.1 micrometres
-_LARGEST = 9.9  # one digit before the point
+#: Decimals of a coordinate in the OBJ: 0.1 micrometres.
+_DECIMALS = 7
+
+#: Largest coordinate, metres: one digit before the decimal point.
+_MAX_COORDINATE_M = 9.9
 
 
 @dataclass(frozen=True, eq=False)
 class TexturedMesh:
-    """A triangle mesh M with an image laid over it.
+    """Triangle mesh with a texture; M is the mesh's frame.
 
     Attributes:
-        name: unlike that of any other item of a scene.
+        name: unique within a scene.
         vertices: (n, 3) p_MV, metres.
-        triangles: (m, 3) vertex numbers, anticlockwise seen from outside; both sides are drawn.
-        uv: (n, 2) place in the texture: u from its left edge to its right one, v from its BOTTOM
-            edge to its top one, both 0 to 1.
-        texture: the image.
+        triangles: (m, 3) vertex indices, anticlockwise seen from outside; both sides are drawn.
+        uv: (n, 2) texture coordinates: u from the left to the right edge, v from the BOTTOM to the
+            top edge, both 0 to 1.
+        texture: the texture.
         X_WM: (4, 4) pose in the world.
 
     Raises:
-        InputError: shapes disagree, a number is not finite or beyond 9.9 m, or a triangle names a
-            vertex that is not there.
+        InputError: shapes disagree, a number is not finite or beyond 9.9 m, or a vertex index is
+            out of range.
     """
 
     name: str
@@ -66,10 +69,10 @@ class TexturedMesh:
             )
         if not (np.isfinite(vertices).all() and np.isfinite(uv).all()):
             raise InputError(f"{label}: a vertex or its place in the texture is not finite")
-        if np.abs(vertices).max() > _LARGEST:
+        if np.abs(vertices).max() > _MAX_COORDINATE_M:
             raise InputError(
                 f"{label}: a vertex lies {np.abs(vertices).max():.1f} m from the mesh's origin, at "
-                f"most {_LARGEST} m are possible; move the mesh by X_WM"
+                f"most {_MAX_COORDINATE_M} m are possible; move the mesh by X_WM"
             )
         if X_WM.shape != (4, 4) or not np.isfinite(X_WM).all():
             raise InputError(f"{label}: X_WM {X_WM.shape} must be a finite (4, 4) pose")
@@ -82,11 +85,11 @@ class TexturedMesh:
 
     @cached_property
     def normals(self) -> NDArray[np.float64]:
-        """Unit normals (n, 3) of the vertices: mean of the triangles around, by area."""
+        """Unit normals (n, 3) of the vertices: area-weighted mean of the adjacent triangles."""
         return vertex_normals(self.vertices, self.triangles)
 
     def obj(self, material_file: str) -> bytes:
-        """The mesh as an OBJ file that uses the material `cloth` of another file."""
+        """Return the mesh as an OBJ file that uses the material `cloth` of `material_file`."""
         number = self.triangles + 1
         width = len(str(len(self.vertices)))
         corner = _join([_digits(number, width)] * 3, "/")
@@ -104,7 +107,7 @@ class TexturedMesh:
 def vertex_normals(
     vertices: NDArray[np.floating[Any]], triangles: NDArray[np.integer[Any]]
 ) -> NDArray[np.float64]:
-    """Unit normals (n, 3) of vertices (n, 3): sum over triangles (m, 3), weighted by area."""
+    """Return the unit normals (n, 3) of vertices (n, 3): area-weighted over triangles (m, 3)."""
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     face = np.cross(b - a, c - a)
     total = np.stack(
@@ -128,19 +131,19 @@ def height_field_mesh(
     inside: HeightField | None = None,
     spacing: float = 0.001,
 ) -> TexturedMesh:
-    """Mesh of a surface z = height(x, y) over the table.
+    """Build the mesh of a surface z = height(x, y) above the table.
 
-    Facets lie off the surface by at most spacing^2 / 8 times its curvature: 17 micrometres for a
-    ridge 21 mm high of sigma 12.5 mm at the default spacing.
+    The facets deviate from the surface by at most spacing^2 / 8 times its curvature: 17 micrometres
+    for a ridge 21 mm high of sigma 12.5 mm at the default spacing.
 
     Args:
         name: of the mesh.
-        height: above the table at world x, y (arrays), metres.
-        texture: over the rectangle, its top towards +y.
+        height: function of world x, y (arrays) to the height above the table, metres.
+        texture: of the rectangle, its top towards +y.
         centre, size: rectangle of the mesh in world x, y, metres.
         table_height: world z of the table, metres.
-        inside: only triangles with a corner where this is positive are kept, if given.
-        spacing: at most so far apart are the vertices, metres.
+        inside: keep only triangles with a corner where this function is positive.
+        spacing: largest distance of neighbouring vertices along x and y, metres.
     """
     nx, ny = (int(np.ceil(length / spacing)) + 1 for length in size)
     u, v = np.meshgrid(np.linspace(0.0, 1.0, nx), np.linspace(0.0, 1.0, ny))
@@ -171,17 +174,17 @@ def towel_mesh(
     seed: int | None = None,
     spacing: float = 0.001,
 ) -> TexturedMesh:
-    """Mesh of a towel on its table.
+    """Build the mesh of a towel on its table.
 
     Args:
         towel: the towel.
-        kind: of cloth: "terry", "print" or "plain".
+        kind: texture: "terry", "print" or "plain".
         name: of the mesh.
-        seed: of the texture; the towel's own if left out.
+        seed: of the texture; None for the towel's own.
         spacing: of the vertices, metres.
 
     Raises:
-        InputError: an unknown kind of cloth.
+        InputError: the texture is unknown.
     """
     c, s = abs(np.cos(towel.yaw)), abs(np.sin(towel.yaw))
     across = float(towel.side * (c + s)) + 2.0 * towel.waviness + 2.0 * spacing
@@ -204,7 +207,7 @@ def rectangle_mesh(
     texture: Texture,
     X_WM: NDArray[np.floating[Any]] | None = None,
 ) -> TexturedMesh:
-    """A flat rectangle in the mesh's x-y plane, centred, facing +z, the texture's top towards +y."""
+    """Build a centred rectangle in the x-y plane, facing +z, with the texture's top towards +y."""
     u, v = (values.ravel() for values in np.meshgrid([0.0, 1.0], [0.0, 1.0]))
     x, y = (u - 0.5) * size[0], (v - 0.5) * size[1]
     return TexturedMesh(
@@ -218,7 +221,7 @@ def rectangle_mesh(
 
 
 def grid_triangles(rows: int, columns: int) -> NDArray[np.int64]:
-    """Triangles (m, 3) of a grid of vertices in row-major order, facing up if rows go along +y."""
+    """Return the triangles (m, 3) of a row-major vertex grid, facing up if rows run along +y."""
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b = index[:-1, :-1].ravel(), index[:-1, 1:].ravel()
     d, c = index[1:, :-1].ravel(), index[1:, 1:].ravel()
@@ -226,19 +229,19 @@ def grid_triangles(rows: int, columns: int) -> NDArray[np.int64]:
 
 
 def _used(triangles: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Numbers of the vertices in use, and the triangles renumbered among them."""
+    """Return the indices of the used vertices, and the triangles renumbered to them."""
     if len(triangles) == 0:
         raise InputError("height field: nothing of it is inside; is it somewhere else?")
     used, renumbered = np.unique(triangles, return_inverse=True)
     return used, renumbered.reshape(-1, 3)
 
 
-# Text of many numbers at once: arrays of characters of fixed width, ten times faster than
-# formatting one number after the other.
+# Vectorised formatting: numbers as arrays of characters of fixed width, ten times faster than
+# formatting them one by one.
 
 
 def _digits(values: NDArray[np.int64], width: int) -> NDArray[np.uint8]:
-    """Decimal digits of non-negative integers (n, k), zero-padded: (n, k, width) characters."""
+    """Return the zero-padded digits (n, k, width) of non-negative integers (n, k)."""
     characters = np.empty((*values.shape, width), dtype=np.uint8)
     rest = values.copy()
     for place in range(width - 1, -1, -1):
@@ -247,9 +250,9 @@ def _digits(values: NDArray[np.int64], width: int) -> NDArray[np.uint8]:
 
 
 def _decimals(values: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Signed decimal fractions of values (n, k) below 10 in size, fixed width."""
-    steps = np.rint(values * 10.0**_DIGITS).astype(np.int64)
-    digits = _digits(np.abs(steps), _DIGITS + 1)
+    """Return values (n, k) of magnitude below 10 as signed decimals of fixed width."""
+    steps = np.rint(values * 10.0**_DECIMALS).astype(np.int64)
+    digits = _digits(np.abs(steps), _DECIMALS + 1)
     sign = np.where(steps < 0, ord("-"), ord("+")).astype(np.uint8)[..., None]
     point = np.full_like(sign, ord("."))
     return np.concatenate([sign, digits[..., :1], point, digits[..., 1:]], axis=-1)
@@ -264,7 +267,7 @@ def _join(parts: list[NDArray[np.uint8]], separator: str) -> NDArray[np.uint8]:
 
 
 def _lines(key: str, words: NDArray[np.uint8]) -> bytes:
-    """One line per row: the key, then the row's words (n, k, width), separated by spaces."""
+    """Return one line per row: the key and the row's words (n, k, width), separated by spaces."""
     n, k, width = words.shape
     lines = np.full((n, len(key) + k * (width + 1) + 1), ord(" "), dtype=np.uint8)
     lines[:, : len(key)] = np.frombuffer(key.encode(), dtype=np.uint8)

@@ -1,7 +1,7 @@
-"""Pictures and exact depth of the cell, as ideal pinhole cameras see it.
+"""Colour and exact depth images of the cell, rendered by Drake for ideal pinhole cameras.
 
-Drake's renderer counts pixels from the top left CORNER of the image, this project (as OpenCV) from
-the CENTRE of the top left pixel: `drake_camera` is the one place where that is turned over.
+Drake's pixel coordinates start at the top left CORNER of the image, this project's (as OpenCV's) at
+the CENTRE of the top left pixel; `drake_camera` is the only place that converts them.
 """
 
 import dataclasses as dc
@@ -50,28 +50,37 @@ from unwrinkle.simulation.rendering.meshes import TexturedMesh, rectangle_mesh
 from unwrinkle.simulation.rendering.textures import wood
 
 _RENDERER = "vtk"
-_NEAR = 0.40  # beyond the lens body, which stands before its own camera's optical centre
-_FAR = 8.0
-_TABLE_THICKNESS = 0.15
-_MOST_DRAWN = 20_000_000  # pixels drawn at once; beyond, memory grows to gigabytes
-_SUNK = 0.001  # the slab's top lies so far under the textured one
+#: Near clipping plane, metres: beyond the lens body, which is in front of its optical centre.
+_NEAR_M = 0.40
+
+#: Far clipping plane, metres.
+_FAR_M = 8.0
+
+#: Thickness of the table's slab, metres.
+_TABLE_THICKNESS_M = 0.15
+
+#: Limit of the pixels rendered at once; more need gigabytes of memory.
+_MAX_PIXELS = 20_000_000
+
+#: Distance of the slab's top below the textured one, metres.
+_SLAB_OFFSET_M = 0.001
 
 
 @dataclass(frozen=True)
 class Light:
-    """A light far away, fixed in the world.
+    """Directional light, fixed in the world.
 
     Attributes:
-        direction: the way its rays go.
-        intensity: 1 shows a surface square to it in its own colours.
+        direction: of its rays.
+        intensity: 1 shows a perpendicular surface in its own colours.
     """
 
     direction: tuple[float, float, float]
     intensity: float
 
 
-#: From either side, and a weak one from behind the robot. A lamp on the camera would shade each eye
-#: differently, and lamps straight above would not show the ridges.
+#: Lights from either side, and a weak one from behind the robot. A light at the camera would shade
+#: the eyes differently; lights straight above would not show the ridges.
 LIGHTS = (
     Light((0.60, 0.30, -0.75), 0.75),
     Light((-0.75, 0.15, -0.60), 0.30),
@@ -80,14 +89,14 @@ LIGHTS = (
 
 
 def drake_camera(camera: Camera) -> CameraInfo:
-    """Drake's intrinsics of a pinhole camera; its distortion is left out.
+    """Return Drake's intrinsics of a pinhole camera; distortion is ignored.
 
-    Drake's principal point is half a pixel further along both axes, for it measures from the top
-    left corner of the image. Measured on a wavy cloth at 0.9 m: depth back-projects to it within
-    1.5 micrometres RMS, without the half pixel 320 micrometres off.
+    Drake's principal point is half a pixel further along both axes, because it counts from the top
+    left corner of the image. Measured on a wavy cloth at 0.9 m: depth back-projects to the surface
+    within 1.5 micrometres RMS, without the half pixel within 320 micrometres.
 
     Raises:
-        InputError: the principal point is outside the image, which Drake refuses.
+        InputError: the principal point is outside the image, which Drake does not support.
     """
     cx, cy = camera.cx + 0.5, camera.cy + 0.5
     if not (0.0 < cx < camera.width and 0.0 < cy < camera.height):
@@ -106,9 +115,9 @@ def drake_camera(camera: Camera) -> CameraInfo:
 
 
 class Renderer:
-    """A scene: the cell (or the working table alone) with textured things in it.
+    """Renderer of a scene: the cell, or the working table alone, with textured items.
 
-    Postures and the poses of its things can be changed; pictures are made on demand.
+    The robot's posture and the items' poses can be changed; images are rendered on demand.
     """
 
     def __init__(
@@ -120,21 +129,22 @@ class Renderer:
         posture: NDArray[np.floating[Any]] | None = None,
         head: NDArray[np.floating[Any]] | None = None,
         shadows: bool = False,
-        near: float = _NEAR,
+        near: float = _NEAR_M,
     ) -> None:
-        """Build the scene; takes a second or two for a fine mesh.
+        """Build the scene (one to two seconds for a fine mesh).
 
         Args:
             place: the robot's cell, or a working table alone.
-            items: what lies or stands in it, each under its own name.
+            items: meshes in the scene, with unique names.
             lights: fixed in the world.
-            posture: (13,) of turn-table, right arm, left arm, radians; None is home (zeros).
-            head: (4,) left pan, left tilt, right pan, right tilt, radians; None is the cell's gaze.
-            shadows: draw them (slower).
-            near: nothing nearer to a camera than this is seen, metres.
+            posture: (13,) turn-table, right arm, left arm, radians; None for home (zeros).
+            head: (4,) left pan, left tilt, right pan, right tilt, radians; None for the cell's
+                gaze.
+            shadows: render shadows (slower).
+            near: near clipping plane, metres.
 
         Raises:
-            InputError: two items have one name, or a posture has another shape.
+            InputError: two items share a name, or a posture has the wrong shape.
         """
         cell = self._cell = place if isinstance(place, Cell) else None
         self._near = near
@@ -173,10 +183,12 @@ class Renderer:
         posture: NDArray[np.floating[Any]] | None = None,
         head: NDArray[np.floating[Any]] | None = None,
     ) -> None:
-        """Move the robot: (13,) axes, home if None, and (4,) head angles, left as they are if None.
+        """Set the posture (13,) and the head angles (4,), radians.
+
+        Without a posture the robot is at home; without head angles the head keeps its own.
 
         Raises:
-            InputError: the scene has no robot, or a shape is another one.
+            InputError: the scene has no robot, or a shape is wrong.
         """
         if self._cell is None:
             raise InputError("scene: it has no robot whose posture could be set")
@@ -190,10 +202,10 @@ class Renderer:
         plant.SetPositions(context, q)
 
     def move(self, name: str, X_WM: Pose) -> None:
-        """Put the item of that name at a pose (4, 4).
+        """Move an item to a pose (4, 4).
 
         Raises:
-            InputError: there is none.
+            InputError: there is no item of that name.
         """
         if name not in self._poses:
             raise InputError(f"scene: no item {name!r}; it has {', '.join(self._poses) or 'none'}")
@@ -201,10 +213,10 @@ class Renderer:
         self._fix_poses()
 
     def reshape(self, name: str, mesh: TexturedMesh) -> None:
-        """Give the item of that name another mesh, with its texture and pose, as of cloth that moved.
+        """Replace an item's mesh, with its texture and pose, for example of cloth that moved.
 
         Raises:
-            InputError: there is none.
+            InputError: there is no item of that name.
         """
         self.move(name, mesh.X_WM)
         scene_graph = self._diagram.scene_graph()
@@ -213,15 +225,15 @@ class Renderer:
         scene_graph.ChangeShape(context, self._source, self._shapes[name], shape)
 
     def colour(self, camera: Camera, X_WC: Pose, *, quality: int = 1) -> NDArray[np.uint8]:
-        """Picture (h, w, 3) uint8 RGB; no distortion, blur or noise.
+        """Render a colour image (h, w, 3) uint8 RGB, without distortion, blur or noise.
 
         Args:
-            camera: intrinsics; its distortion is left out.
-            X_WC: (4, 4) pose.
-            quality: n x n samples per pixel, averaged; takes n x n times as long. One sample is
-                neither sharp nor free of aliasing: the renderer smooths edges in the finished
-                picture (FXAA), fibres too. On terry at 1 to 1.3 texels per pixel one sample is
-                4 to 5 grey levels (RMS) from the mean over the pixel's area, 2 x 2 are 1.2 to 1.5.
+            camera: intrinsics; distortion is ignored.
+            X_WC: (4, 4) pose of the camera.
+            quality: n for n x n averaged samples per pixel, which take n x n times as long. One
+                sample is neither sharp nor free of aliasing, because the renderer smooths edges
+                (FXAA) and fine texture. On terry at 1 to 1.3 texels per pixel one sample is 4 to 5
+                grey levels (RMS) from the mean over the pixel's area, 2 x 2 samples are 1.2 to 1.5.
 
         Raises:
             InputError: quality is below 1 or above 8.
@@ -238,11 +250,11 @@ class Renderer:
         return result
 
     def depth(self, camera: Camera, X_WC: Pose) -> NDArray[np.float32]:
-        """Depth (h, w) along the camera's z, metres, exact to the mesh; 0 where nothing is seen."""
+        """Render the exact depth (h, w) of the meshes along the camera's z, metres; 0 for none."""
         wide, window = _containing(camera)
         core = self._core(wide)
         drawn = self._query().RenderDepthImage(
-            DepthRenderCamera(core, DepthRange(self._near * 1.001, _FAR * 0.999)),
+            DepthRenderCamera(core, DepthRange(self._near * 1.001, _FAR_M * 0.999)),
             self._world,
             _transform(X_WC),
         )
@@ -258,7 +270,7 @@ class Renderer:
 
     def _core(self, camera: Camera) -> RenderCameraCore:
         return RenderCameraCore(
-            _RENDERER, drake_camera(camera), ClippingRange(self._near, _FAR), RigidTransform()
+            _RENDERER, drake_camera(camera), ClippingRange(self._near, _FAR_M), RigidTransform()
         )
 
     def _query(self) -> QueryObject:
@@ -292,12 +304,12 @@ def _engine(lights: Sequence[Light], shadows: bool) -> RenderEngineVtkParams:
 
 
 def _parts(camera: Camera, quality: int) -> list[tuple[tuple[slice, slice], Camera]]:
-    """The image in windows, each with the camera of its own, so that each is drawn in less memory.
+    """Split an image into windows with their cameras, to limit the renderer's memory.
 
-    They meet at the principal point, which Drake wants inside each.
+    They meet at the principal point, which Drake requires inside the image.
     """
     columns, rows = [0, camera.width], [0, camera.height]
-    if quality * quality * camera.width * camera.height > _MOST_DRAWN:
+    if quality * quality * camera.width * camera.height > _MAX_PIXELS:
         for ends, centre in ((columns, camera.cx), (rows, camera.cy)):
             middle = round(centre)
             if 0.25 * ends[-1] < middle < 0.75 * ends[-1]:
@@ -317,7 +329,7 @@ def _parts(camera: Camera, quality: int) -> list[tuple[tuple[slice, slice], Came
 
 
 def _containing(camera: Camera) -> tuple[Camera, tuple[slice, slice]]:
-    """A camera that has its principal point inside the image, and the window that was wanted."""
+    """Return a camera with the principal point inside its image, and the requested window."""
     left, top = (max(0, int(np.ceil(1.0 - c))) for c in (camera.cx, camera.cy))
     right = max(0, int(np.ceil(camera.cx + 1.0)) - camera.width)
     below = max(0, int(np.ceil(camera.cy + 1.0)) - camera.height)
@@ -356,7 +368,7 @@ def _seen(instance: GeometryInstance, colour: Rgba | None = None) -> GeometryIns
 
 
 def _hide_table(cell: Cell, plant: Any, scene_graph: Any) -> None:
-    """Hide the slab of the working table, which would shine through its textured top."""
+    """Hide the cell's table slab, which would show through the textured top."""
     instance, name = scoped(cell.scenario.table.frame)
     body = plant.GetFrameByName(name, plant.GetModelInstanceByName(instance)).body()
     frame = plant.GetBodyFrameIdOrThrow(body.index())
@@ -372,8 +384,8 @@ def _add_table(scene_graph: Any, source: Any, table: Table) -> None:
     X_WT[:3, 3] = table.top_centre
     top = rectangle_mesh("table top", table.size, wood(table.size))
     scene_graph.RegisterAnchoredGeometry(source, _geometry(top, _transform(X_WT)))
-    thickness = _TABLE_THICKNESS - _SUNK
-    X_WT[2, 3] -= _SUNK + 0.5 * thickness
+    thickness = _TABLE_THICKNESS_M - _SLAB_OFFSET_M
+    X_WT[2, 3] -= _SLAB_OFFSET_M + 0.5 * thickness
     slab = GeometryInstance(_transform(X_WT), Box(*table.size, thickness), "table slab")
     scene_graph.RegisterAnchoredGeometry(source, _seen(slab, Rgba(0.55, 0.45, 0.33)))
 

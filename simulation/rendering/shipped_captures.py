@@ -1,6 +1,7 @@
-"""The captures that the package ships: `python -m unwrinkle.simulation.rendering.shipped_captures [FOLDER]`.
+"""Generate the captures that the package ships.
 
-Made by this project's generator from a seed; the same command makes the same file again.
+Usage: `python -m unwrinkle.simulation.rendering.shipped_captures [FOLDER]`. The output is a
+function of the seed: the same command reproduces the same file.
 """
 
 import sys
@@ -11,14 +12,20 @@ from unwrinkle.perception.camera import load_camera
 from unwrinkle.perception.depth.capture import Capture, save_capture
 from unwrinkle.simulation.rendering.synthetic_towel import capture_of, overhead_pose, wrinkled_towel
 
+#: Seed of the shipped towel.
 SEED = 7
+
 _CAMERA = "bench-stereo"
-_CAMERA_HEIGHT = 1.40  # above the table
+
+#: Height of the camera above the table, metres.
+_CAMERA_HEIGHT = 1.40
+
+#: Depth resolution of the file, metres.
 _DEPTH_UNIT = 0.00005
 
 
 def towel_capture(seed: int = SEED) -> Capture:
-    """Capture the shipped towel with the ideal range camera and 0.1 mm of noise."""
+    """Return a capture of the shipped towel by an ideal range camera with 0.1 mm of noise."""
     towel = wrinkled_towel(seed)
     X_WC = overhead_pose(0.0, towel.centre[1], towel.table_height + _CAMERA_HEIGHT)
     return capture_of(towel, load_camera(_CAMERA), X_WC, seed=seed)

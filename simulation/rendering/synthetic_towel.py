@@ -1,7 +1,7 @@
-"""Garments as known height fields: a towel with Gaussian ridges, and captures of it.
+"""Analytic ground truth: a towel with Gaussian ridges as a height field, and captures of it.
 
-Every length, width and height of such a towel is known, so it can judge the whole analysis:
-a ridge of height h and sigma s has its inflections 2 s apart and h (1 - exp(-1/2)) below its top.
+Every length, width and height is known: a ridge of height h and sigma s has its inflections 2 s
+apart and h (1 - exp(-1/2)) below its top.
 """
 
 from dataclasses import dataclass
@@ -15,20 +15,23 @@ from scipy.ndimage import gaussian_filter
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.capture import Capture
 
-_TAPER = 2.5  # a ridge fades out over this many sigmas at either end
-_EDGE = 0.003  # metres over which the cloth's edge comes down to the table
+#: Length over which a ridge fades out at either end, multiples of sigma.
+_TAPER_SIGMAS = 2.5
+
+#: Distance over which the cloth's edge comes down to the table, metres.
+_EDGE_M = 0.003
 
 
 @dataclass(frozen=True)
 class Ridge:
-    """A straight Gaussian ridge that fades out at its ends.
+    """Straight Gaussian ridge that fades out at its ends.
 
     Attributes:
-        centre: world x, y of its middle, metres.
+        centre: world x, y of its centre, metres.
         angle: of its line from the world's x axis, radians.
-        height: above the cloth around it, metres.
+        height: above the surrounding cloth, metres.
         sigma: of the Gaussian across it, metres.
-        length: between the points where it has faded to half its height, metres.
+        length: distance of the points at half its height, metres.
     """
 
     centre: tuple[float, float]
@@ -38,11 +41,11 @@ class Ridge:
     length: float
 
     def at(self, x: NDArray[np.floating[Any]], y: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-        """Height of the ridge at world points, metres."""
+        """Return the height of the ridge at world points, metres."""
         c, s = np.cos(self.angle), np.sin(self.angle)
         along = (x - self.centre[0]) * c + (y - self.centre[1]) * s
         across = (y - self.centre[1]) * c - (x - self.centre[0]) * s
-        fade = _TAPER * self.sigma
+        fade = _TAPER_SIGMAS * self.sigma
         inside = np.clip((0.5 * self.length + 0.5 * fade - np.abs(along)) / fade, 0.0, 1.0)
         window = inside * inside * inside * (10.0 - 15.0 * inside + 6.0 * inside * inside)
         ridge: NDArray[np.float64] = (
@@ -53,18 +56,18 @@ class Ridge:
 
 @dataclass(frozen=True)
 class Towel:
-    """A square towel with ridges on a level table.
+    """Square towel with ridges on a level table.
 
     Attributes:
-        ridges: largest first by custom.
+        ridges: the ridges, largest first by convention.
         centre: world x, y, metres.
         side: metres.
-        yaw: turn about the world's z, radians.
+        yaw: rotation about world z, radians.
         thickness: of the cloth, metres.
         corner: radius of its corners, metres.
         table_height: world z of the table, metres.
-        waviness: how far its outline wanders, metres.
-        seed: of the outline and the colours.
+        waviness: amplitude of its wavy outline, metres.
+        seed: of the outline.
     """
 
     ridges: tuple[Ridge, ...]
@@ -80,7 +83,7 @@ class Towel:
     def edge_distance(
         self, x: NDArray[np.floating[Any]], y: NDArray[np.floating[Any]]
     ) -> NDArray[np.float64]:
-        """Distance of world points inside (positive) the towel's outline, metres."""
+        """Return the distance of world points from the outline, metres, positive inside."""
         u, v = self._own(x, y)
         phases = np.random.default_rng(self.seed).uniform(0.0, 2.0 * np.pi, 4)
         wave = np.sin(u * 21.0 + phases[0]) + np.sin(u * 47.0 + phases[1])
@@ -95,8 +98,8 @@ class Towel:
     def height(
         self, x: NDArray[np.floating[Any]], y: NDArray[np.floating[Any]]
     ) -> NDArray[np.float64]:
-        """Height of the surface above the table at world points, metres; 0 off the towel."""
-        step = np.clip(self.edge_distance(x, y) / _EDGE, 0.0, 1.0)
+        """Return the height above the table at world points, metres; 0 outside the towel."""
+        step = np.clip(self.edge_distance(x, y) / _EDGE_M, 0.0, 1.0)
         rise = step * step * (3.0 - 2.0 * step)
         bare = np.full(np.shape(x), self.thickness)
         for ridge in self.ridges:
@@ -106,7 +109,7 @@ class Towel:
     def colours(
         self, x: NDArray[np.floating[Any]], y: NDArray[np.floating[Any]]
     ) -> NDArray[np.float64]:
-        """RGB in 0..255 under diffuse light from the upper left, (..., 3)."""
+        """Return RGB (..., 3) in 0..255 at world points, under diffuse light from one side."""
         u, v = self._own(x, y)
         cloth = np.empty((*np.shape(x), 3))
         cloth[:] = (62.0, 116.0, 158.0)
@@ -135,7 +138,7 @@ class Towel:
 
 
 def overhead_pose(x: float, y: float, z: float) -> NDArray[np.float64]:
-    """X_WC of a camera that looks straight down, its image's top away from the robot (-y)."""
+    """Return X_WC of a camera that looks down, its image's top away from the robot (-y)."""
     X_WC = np.eye(4)
     X_WC[:3, :3] = np.array([[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]])
     X_WC[:3, 3] = (x, y, z)
@@ -145,14 +148,14 @@ def overhead_pose(x: float, y: float, z: float) -> NDArray[np.float64]:
 def sensor_noise(
     depth: NDArray[np.float64], sigma: float, step: float, rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Noise of a depth sensor, metres.
+    """Add the noise of a depth sensor; return depth (h, w), metres.
 
     Args:
         depth: (h, w) metres, 0 for no reading.
-        sigma: standard deviation at 1 m. White where there is no step, else blotched over some
-            pixels as structured light is, and growing with the square of the depth.
-        step: depth step at 1 m that readings are rounded to; 0 for none.
-        rng: source of randomness.
+        sigma: standard deviation at 1 m, metres. White noise without a step; otherwise correlated
+            over some pixels, as of structured light, and growing with the square of the depth.
+        step: quantisation step at 1 m, metres; 0 for none.
+        rng: random generator.
     """
     noise = rng.standard_normal(depth.shape)
     if step <= 0.0:
@@ -173,13 +176,13 @@ def capture_of(
     seed: int = 0,
     name: str = "towel",
 ) -> Capture:
-    """Take a capture of the towel, with colour registered to depth.
+    """Simulate a capture of the towel, with colour registered to depth.
 
     Args:
-        towel: what lies on the table.
+        towel: the towel.
         camera: intrinsics.
-        X_WC: (4, 4) pose of the camera, seen from well above (rays steeper than the cloth).
-        sigma, step: of `sensor_noise`.
+        X_WC: (4, 4) pose of the camera; its rays must be steeper than the cloth.
+        sigma, step: see `sensor_noise`.
         seed: of the noise.
         name: of the capture.
     """
@@ -187,7 +190,7 @@ def capture_of(
     rays_W = np.stack([ray_x, ray_y, np.ones_like(ray_x)], axis=-1) @ X_WC[:3, :3].T
     eye = X_WC[:3, 3]
     surface = np.full(ray_x.shape, towel.table_height)
-    # Fixed point: steep rays and gentle cloth make it contract quickly.
+    # Fixed-point iteration; converges quickly for steep rays and gentle slopes.
     for _ in range(15):
         depth = (surface - eye[2]) / rays_W[..., 2]
         x, y = eye[0] + depth * rays_W[..., 0], eye[1] + depth * rays_W[..., 1]
@@ -206,7 +209,7 @@ def capture_of(
 
 
 def wrinkled_towel(seed: int = 0) -> Towel:
-    """Return a towel with one clear largest wrinkle and two lesser ones, drawn from the seed."""
+    """Return a towel with one largest and two smaller wrinkles, drawn from the seed."""
     rng = np.random.default_rng(seed)
     turn = float(rng.uniform(-0.06, 0.06))
     centre = (0.0, -1.10)

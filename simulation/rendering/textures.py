@@ -1,7 +1,7 @@
-"""Images for the surfaces of a rendered scene: cloth, wood, and what others hand in.
+"""Textures of rendered surfaces: cloth, wood and uniform colours.
 
-Texels are given in metres: at 2.4 m a pixel of the stereo head's cameras sees 0.33 mm, so texels of
-0.25 to 0.3 mm are as fine as a picture can show; finer ones only alias.
+Texel sizes are in metres. At 2.4 m a pixel of the stereo head covers 0.33 mm, so that texels of
+0.25 to 0.3 mm are as fine as an image resolves; finer ones alias.
 """
 
 from dataclasses import dataclass
@@ -13,32 +13,43 @@ from numpy.typing import NDArray
 
 from unwrinkle.models.errors import InputError
 
+#: Default texel, metres.
 TEXEL = 0.0003
+
+#: Kinds of cloth.
 CLOTHS = ("terry", "print", "plain")
 
-# Fibres and unevenness of terry: how wide (sigma, metres) and how strong (grey levels).
-_TERRY = ((0.0, 20.0), (0.00035, 24.0), (0.0009, 18.0), (0.003, 9.0), (0.012, 7.0))
-_WEAVE = 0.0016
+#: Noise of terry: sigma (metres) and standard deviation (grey levels) of each component.
+_TERRY_NOISE = ((0.0, 20.0), (0.00035, 24.0), (0.0009, 18.0), (0.003, 9.0), (0.012, 7.0))
+
+#: Period of the weave, metres.
+_WEAVE_PERIOD_M = 0.0016
+
+#: Amplitude of the weave, grey levels.
 _WEAVE_STRENGTH = 9.0
-_PLAIN = 0.25
-_DOTS = ((196.0, 84.0, 72.0), (224.0, 188.0, 96.0), (72.0, 96.0, 132.0))
+
+#: Contrast of plain cloth, relative to terry.
+_PLAIN_CONTRAST = 0.25
+
+#: RGB colours of printed dots.
+_DOT_COLOURS = ((196.0, 84.0, 72.0), (224.0, 188.0, 96.0), (72.0, 96.0, 132.0))
 
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """An image to lay over a mesh.
+    """Image texture of a mesh.
 
     Attributes:
-        pixels: (h, w, 3) uint8 RGB; not copied, becomes read-only.
+        pixels: (h, w, 3) uint8 RGB; not copied, made read-only.
 
     Raises:
-        InputError: of another shape or kind.
+        InputError: wrong shape or type.
     """
 
     pixels: NDArray[np.uint8]
 
     def __post_init__(self) -> None:
-        """Refuse what is no image."""
+        """Check shape and type."""
         pixels = self.pixels
         if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8:
             raise InputError(f"texture: {pixels.dtype} {pixels.shape}, wanted uint8 (h, w, 3), RGB")
@@ -46,7 +57,7 @@ class Texture:
 
     @cached_property
     def png(self) -> bytes:
-        """The image as PNG, encoded quickly rather than small."""
+        """The image as PNG, with fast compression."""
         bgr = np.ascontiguousarray(self.pixels[..., ::-1])
         done, data = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 1])
         if not done:
@@ -56,32 +67,32 @@ class Texture:
 
 @lru_cache(maxsize=8)
 def cloth(kind: str, size: tuple[float, float], *, texel: float = TEXEL, seed: int = 0) -> Texture:
-    """Cloth of a kind, the same again in one process.
+    """Return a texture of cloth; cached within a process.
 
     Args:
-        kind: "terry" (strong fibres), "print" (terry with coloured bands and dots) or "plain"
-            (the same fibres four times weaker).
-        size: width and height that the image will cover, metres.
+        kind: "terry" (strong texture), "print" (terry with coloured bands and dots) or "plain" (a
+            quarter of terry's contrast).
+        size: width and height that the image covers, metres.
         texel: metres per texel.
-        seed: of the fibres.
+        seed: of the texture.
 
     Raises:
-        InputError: an unknown kind, or over 100 million texels.
+        InputError: unknown kind, or more than 100 million texels.
     """
     if kind not in CLOTHS:
         raise InputError(f"texture {kind!r}: unknown; known are {', '.join(CLOTHS)}")
     shape = _shape(size, texel)
     rng = np.random.default_rng(seed)
     grey = sum(
-        (_blotches(shape, sigma / texel, strength, rng) for sigma, strength in _TERRY),
+        (_blotches(shape, sigma / texel, strength, rng) for sigma, strength in _TERRY_NOISE),
         start=np.zeros(shape, dtype=np.float32),
     )
     x = (np.arange(shape[1], dtype=np.float32) + 0.5) * np.float32(texel)
     y = (np.arange(shape[0], dtype=np.float32) + 0.5) * np.float32(texel)
-    turns = np.float32(2.0 * np.pi / _WEAVE)
+    turns = np.float32(2.0 * np.pi / _WEAVE_PERIOD_M)
     grey += _WEAVE_STRENGTH * np.outer(np.sin(turns * y), np.sin(turns * x))
     if kind == "plain":
-        return _tinted(_PLAIN * grey, _full(shape, (178.0, 180.0, 182.0)))
+        return _tinted(_PLAIN_CONTRAST * grey, _full(shape, (178.0, 180.0, 182.0)))
     colour = _full(shape, (148.0, 166.0, 188.0))
     if kind == "print":
         _print_on(colour, texel, rng)
@@ -90,12 +101,15 @@ def cloth(kind: str, size: tuple[float, float], *, texel: float = TEXEL, seed: i
 
 @lru_cache(maxsize=4)
 def wood(size: tuple[float, float], *, texel: float = TEXEL, seed: int = 0) -> Texture:
-    """Return a wooden board, its grain along x.
+    """Return a texture of wood with its grain along x; cached within a process.
 
     Args:
-        size: width and height that the image will cover, metres.
+        size: width and height that the image covers, metres.
         texel: metres per texel.
         seed: of the grain.
+
+    Raises:
+        InputError: more than 100 million texels.
     """
     shape = _shape(size, texel)
     rng = np.random.default_rng(seed + 1000)
@@ -108,7 +122,7 @@ def wood(size: tuple[float, float], *, texel: float = TEXEL, seed: int = 0) -> T
 
 
 def uniform(colour: tuple[int, int, int], shape: tuple[int, int] = (4, 4)) -> Texture:
-    """One RGB colour all over."""
+    """Return a texture of one RGB colour."""
     return Texture(np.full((*shape, 3), colour, dtype=np.uint8))
 
 
@@ -129,8 +143,8 @@ def _full(shape: tuple[int, int], colour: tuple[float, float, float]) -> NDArray
 def _blotches(
     shape: tuple[int, int], sigma: float, strength: float, rng: np.random.Generator
 ) -> NDArray[np.float32]:
-    """Gaussian noise of a width (sigma, texels) and a standard deviation."""
-    step = max(1, int(sigma / 3.0))  # wide noise is made small and enlarged
+    """Return Gaussian noise smoothed by sigma (texels), with standard deviation `strength`."""
+    step = max(1, int(sigma / 3.0))  # smooth noise is generated at low resolution and enlarged
     small = tuple(-(-length // step) + 1 for length in shape)
     noise = rng.standard_normal(small, dtype=np.float32)
     if sigma > 0.0:
@@ -143,7 +157,7 @@ def _blotches(
 
 
 def _print_on(colour: NDArray[np.float32], texel: float, rng: np.random.Generator) -> None:
-    """Bands along x and a scatter of dots."""
+    """Draw bands along x and random dots."""
     rows, columns = colour.shape[:2]
     for middle in (0.1, 0.3, 0.5, 0.7, 0.9):
         half = 0.5 * 0.018 / texel
@@ -152,7 +166,7 @@ def _print_on(colour: NDArray[np.float32], texel: float, rng: np.random.Generato
     for _ in range(int(rows * columns * texel * texel / 0.0016)):
         x, y = int(rng.integers(columns)), int(rng.integers(rows))
         radius = int(rng.uniform(0.003, 0.008) / texel)
-        cv2.circle(colour, (x, y), radius, _DOTS[int(rng.integers(len(_DOTS)))], -1)
+        cv2.circle(colour, (x, y), radius, _DOT_COLOURS[int(rng.integers(len(_DOT_COLOURS)))], -1)
 
 
 def _tinted(grey: NDArray[np.float32], colour: NDArray[np.float32]) -> Texture:

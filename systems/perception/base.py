@@ -9,13 +9,10 @@ from typing import Any
 from pydrake.systems.framework import BasicVector, Context
 
 from unwrinkle.flattening.messages import Perceived
-from unwrinkle.models.errors import InputError
+from unwrinkle.models.errors import InputError, NoGarmentError
 from unwrinkle.models.shared import Shared
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.systems.function_system import FunctionSystem
-
-#: How perception's message begins where the table is bare.
-NO_GARMENT = "no garment found"
 
 _log = logging.getLogger(__name__)
 
@@ -73,7 +70,7 @@ class PerceptionSystem(FunctionSystem):
                 number,
                 None,
                 reason,
-                empty=NO_GARMENT in reason,
+                empty=isinstance(error, NoGarmentError),
                 unseen=self.unseen(*inputs),
                 seconds=time.perf_counter() - clock,
             )

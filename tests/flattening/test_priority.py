@@ -17,7 +17,6 @@ from unwrinkle.flattening.priority import flattened_together, in_order
 from unwrinkle.models import scenario
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import LoopSettings
-from unwrinkle.perception import target
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.wrinkles.analysis import analyse
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
@@ -53,11 +52,6 @@ def test_the_default_is_the_published_rule_and_alike_wrinkles_stay_in_place() ->
     assert in_order(alike, "pull") == alike
     with pytest.raises(InputError, match="order 'colour': must be one of volume"):
         in_order(SEEN, "colour")
-
-
-def test_settings_and_perception_name_the_same_choices() -> None:
-    for names in ("MODES", "SECTIONS", "PULLS"):
-        assert sorted(getattr(scenario, names)) == sorted(getattr(target, names))
 
 
 def test_a_pull_works_on_the_wrinkles_that_its_section_crosses() -> None:

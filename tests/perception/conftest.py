@@ -1,4 +1,4 @@
-"""A towel on the table as both eyes of the head see it, traced ray by ray: no renderer needed."""
+"""Fixture: ray-traced stereo pair of a towel on the table, without a renderer."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ _SIDE = 2.0
 
 @dataclass(frozen=True, eq=False)
 class SeenTowel:
-    """A pair, and what is true of it."""
+    """An image pair with its ground truth."""
 
     pair: StereoPair
     head: StereoHead
@@ -41,7 +41,7 @@ def _textures(seed: int) -> NDArray[np.float32]:
 def traced(
     towel: Towel, camera: Camera, X_WC: NDArray[np.float64], texture: NDArray[np.float32]
 ) -> NDArray[np.uint8]:
-    """What a camera sees of a towel on an endless table, (h, w, 3) uint8."""
+    """Return a camera's image (h, w, 3) uint8 of a towel on an infinite table."""
     ray_x, ray_y = camera.rays()
     rays_W = np.stack([ray_x, ray_y, np.ones_like(ray_x)], axis=-1) @ X_WC[:3, :3].T
     surface = np.full(ray_x.shape, towel.table_height)

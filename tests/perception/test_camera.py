@@ -1,4 +1,4 @@
-"""Named cameras, projection, and absurd intrinsics."""
+"""Cameras: loading by name, projection and unprojection, refused intrinsics."""
 
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,26 @@ def test_rays_and_projection_agree(name: str) -> None:
     np.testing.assert_allclose(
         camera.project(points), np.stack([columns, rows], axis=-1), atol=2e-3
     )
+
+
+@pytest.mark.parametrize("distortion", [[], [0.1, -0.05, 0.001, -0.002, 0.01]])
+def test_unprojection_inverts_projection(distortion: list[float]) -> None:
+    camera = Camera(**_fields(distortion=distortion))
+    pixels = np.array([[[12.5, 7.0], [320.0, 200.0]], [[600.0, 470.0], [319.5, 239.5]]])
+    depth = np.array([[0.8, 1.2], [1.7, 2.0]])
+    points = camera.unproject(pixels, depth)
+    assert points.shape == (2, 2, 3)
+    np.testing.assert_array_equal(points[..., 2], depth)
+    np.testing.assert_allclose(camera.project(points), pixels, atol=2e-3)
+    np.testing.assert_array_equal(camera.unproject(pixels[0, 0], 0.8), points[0, 0])
+
+
+def test_unprojection_of_an_image_is_that_of_its_pixels() -> None:
+    camera = Camera(**_fields(width=32, height=24, fx=30.0, fy=31.0, cx=15.2, cy=11.7))
+    depth = np.random.default_rng(0).uniform(0.5, 2.0, (24, 32))
+    rows, columns = np.indices(depth.shape)
+    points = camera.unproject(np.stack([columns, rows], axis=-1), depth)
+    np.testing.assert_array_equal(camera.unproject_image(depth), points)
 
 
 def test_camera_from_yaml(tmp_path: Path) -> None:

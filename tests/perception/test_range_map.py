@@ -1,4 +1,4 @@
-"""Range maps keep their promises: checked, read-only, saved and loaded without pickle."""
+"""Range maps: checked fields, read-only arrays, saving and loading without pickle."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Noise profiles load, differ as the sensors do, and refuse nonsense."""
+"""Noise profiles: loading, plausible values, refused input."""
 
 import math
 from dataclasses import replace

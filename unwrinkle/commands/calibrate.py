@@ -11,7 +11,7 @@ from unwrinkle.models.errors import InputError
 
 if TYPE_CHECKING:
     from unwrinkle.perception.calibration.boards import Board
-    from unwrinkle.perception.calibration.files import Told
+    from unwrinkle.perception.calibration.files import Progress
     from unwrinkle.perception.camera import Camera
     from unwrinkle.perception.stereo.head_file import HeadCalibration
 
@@ -44,14 +44,14 @@ def stereo(
     out: Annotated[Path, typer.Option(help="The calibration file.")] = Path("stereo.yaml"),
 ) -> None:
     """Intrinsics of both cameras and the pose between them, from at least 8 pairs."""
-    from unwrinkle.perception.calibration.files import find_pairs, save_record, view_pairs
+    from unwrinkle.perception.calibration.files import find_board_pairs, find_pairs, save_record
     from unwrinkle.perception.calibration.stereo import calibrate_stereo
     from unwrinkle.report.calibration_pictures import save_residuals
 
     wanted = _board(board, square, charuco, marker)
     pairs = find_pairs(images)
     with _progress("finding boards") as told:
-        views, missing = view_pairs(pairs, wanted, told)
+        views, missing = find_board_pairs(pairs, wanted, told)
     fit = calibrate_stereo(views, wanted, not_found=missing)
     found = fit.calibration
     save_record(out, found)
@@ -115,13 +115,13 @@ def hand_eye(
     pair = load_stereo(stereo)
     wanted = pair.board if board is None else _board(board, square, charuco, marker)
     nominal = load_calibration(head) if head is not None else nominal_calibration()
-    from unwrinkle.perception.calibration.files import view_looks
+    from unwrinkle.perception.calibration.files import read_head_views
     from unwrinkle.perception.calibration.head import calibrate_head
     from unwrinkle.report.calibration_pictures import save_residuals
 
     out = out or Path("head-calibration.yaml")
     with _progress("finding boards") as told:
-        seen, missing = view_looks(looks, wanted, told)
+        seen, missing = read_head_views(looks, wanted, told)
     fit = calibrate_head(seen, pair, nominal, joint_noise=repeatability)
     fit.calibration.save(out)
     picture = out.with_suffix(".png")
@@ -152,14 +152,18 @@ def hand_eye(
 
 def _gripper(poses: Path, camera: str | None, board: "Board", out: Path) -> None:
     from unwrinkle.models.transforms import PoseRecord
-    from unwrinkle.perception.calibration.files import MountedCamera, save_record, view_poses
+    from unwrinkle.perception.calibration.files import (
+        MountedCamera,
+        read_gripper_views,
+        save_record,
+    )
     from unwrinkle.perception.calibration.gripper import calibrate_gripper_camera
     from unwrinkle.perception.camera import load_camera
     from unwrinkle.report.calibration_pictures import save_residuals
 
     known = load_camera(camera) if camera is not None else None
     with _progress("finding boards") as told:
-        X_WG, views, missing = view_poses(poses, board, told)
+        X_WG, views, missing = read_gripper_views(poses, board, told)
     fit = calibrate_gripper_camera(X_WG, views, known)
     rejected = [*missing, *fit.rejected]
     mount = PoseRecord.of(fit.X_GC)
@@ -196,7 +200,7 @@ def _board(board: str | None, square: float | None, charuco: str | None, marker:
 
 
 @contextmanager
-def _progress(stage: str) -> "Iterator[Told]":
+def _progress(stage: str) -> "Iterator[Progress]":
     from rich.console import Console
     from rich.progress import Progress
 

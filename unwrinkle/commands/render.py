@@ -42,7 +42,7 @@ def render(
 
     from unwrinkle.models.robot import load_cell
     from unwrinkle.models.scenario import load_scenario
-    from unwrinkle.perception.stereo.head_file import NOMINAL_HEAD, Look, nominal_calibration
+    from unwrinkle.perception.stereo.head_file import NOMINAL_HEAD, HeadAngles, nominal_calibration
 
     if garment not in _GARMENTS:
         raise InputError(f"garment {garment!r}: unknown; known are {', '.join(_GARMENTS)}")
@@ -61,7 +61,7 @@ def render(
         # A rendered pair has no date of its own; the calibration's keeps the same run the same.
         day = date.fromisoformat(calibration.date)
         file = f"package://unwrinkle_models/heads/{NOMINAL_HEAD}.yaml"
-        Look.of(gaze, calibration, file, day).save(work / _LOOK)
+        HeadAngles.of(gaze, calibration, file, day).save(work / _LOOK)
     console.print(
         f"written to {out}: {_LEFT}, {_RIGHT}, {_LOOK}, {_TRUTH}; now\n"
         f"unwrinkle analyse {out / _LEFT} {out / _RIGHT} --head {out / _LOOK}",

@@ -18,7 +18,7 @@ from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.transforms import inverse, transformed
 from unwrinkle.perception.range_map import RangeMap
-from unwrinkle.perception.stereo.head_file import load_look
+from unwrinkle.perception.stereo.head_file import load_head_angles
 from unwrinkle.runs.look_folder import LookFolder
 from unwrinkle.viewer.plan_shapes import COLOURS, OTHER_RIDGE
 
@@ -173,7 +173,7 @@ def camera_picture(
         InputError: the picture or its angles are missing or damaged.
     """
     pixels = look.left_picture()
-    record, calibration = load_look(look.path / "head.yaml")
+    record, calibration = load_head_angles(look.path / "head.yaml")
     head = calibration.stereo_head()
     camera = head.left.camera
     scale = pixels.shape[1] / camera.width

@@ -19,7 +19,7 @@ from unwrinkle.models.files import atomic_path, write_json
 from unwrinkle.perception.depth.capture import Capture, load_capture, save_capture
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.stereo.head import Gaze
-from unwrinkle.perception.stereo.head_file import NOMINAL_HEAD, Look, nominal_calibration
+from unwrinkle.perception.stereo.head_file import NOMINAL_HEAD, HeadAngles, nominal_calibration
 from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification.verdict import Verdict
@@ -65,7 +65,7 @@ class LookFolder:
         day = datetime.date.fromisoformat(calibration.date)
         file = f"package://unwrinkle_models/heads/{NOMINAL_HEAD}.yaml"
         plain = Gaze(*(float(angle) for angle in astuple(gaze)))
-        Look.of(plain, calibration, file, day).save(self.path / "head.yaml")
+        HeadAngles.of(plain, calibration, file, day).save(self.path / "head.yaml")
 
     def save_depth(self, capture: Capture) -> None:
         """Write a depth camera's capture.

@@ -1,1 +1,1 @@
-"""Compiled kernels of the dense stereo matcher."""
+"""Numba kernels of the dense stereo matcher."""

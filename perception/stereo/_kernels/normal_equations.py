@@ -1,10 +1,11 @@
-"""Normal equations of dense matching along rows: what a change of disparity does to the images.
+"""Normal equations of dense matching along rows, summed over square cells.
 
-The disparity lives on a grid of square cells. At every pixel the right image is sampled where the
-disparity of the moment says, and the difference e and the mean gradient g of both images are summed
-over the cell (Lucas and Kanade 1981, one-dimensional, symmetric as in Birchfield and Tomasi 1998).
-Both images are seen through a cubic B-spline: its derivative is exact, its blur is alike in both,
-and interpolation between pixels costs no sub-pixel bias. One pass over the images, no temporaries.
+At every pixel the right image is sampled at the current disparity, and products of the difference e
+and the mean gradient g of both images are summed over the cell (Lucas and Kanade 1981, in one
+dimension; symmetric as in Birchfield and Tomasi 1998). Both images are filtered by a cubic
+B-spline: its derivative is exact, its blur is the same in both images, and interpolation between
+pixels causes no sub-pixel bias. The kernel passes over the images once, without full-size
+temporaries.
 """
 
 from dataclasses import dataclass
@@ -14,21 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.arrays import Grid, Image
-from unwrinkle.perception._parallel import in_strips
+from unwrinkle.perception._parallel import parallel_rows
 
 
 @dataclass(frozen=True, eq=False)
 class CellSums:
-    """Sums over the pixels of each cell that both images see; all (rows, columns) float32.
+    """Sums over the pixels of each cell seen in both images; all (rows, columns) float32.
 
     Attributes:
-        gg: of g g, g the gradient along the row, grey levels per pixel.
-        ge: of g e, e = left - right, grey levels.
-        g, e: of g and of e.
-        ee: of e e.
-        n: how many pixels.
-        s, ss: of s = (left + right) / 2 - 128, grey levels, and of s s.
-        dd: of the square of the left gradient less the right one.
+        gg: sum of g^2, g the gradient along the row, grey levels per pixel.
+        ge: sum of g e, e = left - right, grey levels.
+        g, e: sums of g and of e.
+        ee: sum of e^2.
+        n: number of pixels.
+        s, ss: sums of s = (left + right) / 2 - 128, grey levels, and of s^2.
+        dd: sum of the squared difference of the left and the right gradient.
     """
 
     gg: Grid
@@ -50,31 +51,31 @@ def cell_sums(
     scale: float,
     out: NDArray[np.float32] | None = None,
 ) -> CellSums:
-    """Return the sums over cells of `cell` x `cell` pixels at a disparity.
+    """Compute the sums over cells of `cell` x `cell` pixels at a disparity.
 
     Args:
-        left, right: (rows * cell, columns * cell) uint8; pixels of 0 count as not seen.
-        disparity: (rows, columns) float32 at the cells' centres; bilinear between.
-        cell: pixels, 1, 2 or 4.
-        scale: what turns `disparity` into pixels of these images.
-        out: (9, rows, columns) float32 for the result; None takes new memory.
+        left, right: (rows * cell, columns * cell) uint8; 0 marks unseen pixels.
+        disparity: (rows, columns) float32 at the cells' centres; interpolated bilinearly.
+        cell: side of a cell, pixels: 1, 2 or 4.
+        scale: factor from `disparity` to pixels of these images.
+        out: (9, rows, columns) float32 buffer for the result; None allocates it.
     """
     if out is None:
         out = np.empty((9, *disparity.shape), dtype=np.float32)
     rows = disparity.shape[0]
-    in_strips(_sum_cells, rows, left, right, disparity, cell, np.float32(scale), out)
+    parallel_rows(_sum_cells, rows, left, right, disparity, cell, np.float32(scale), out)
     return CellSums(*out)
 
 
-# One stage per loop over a row, and views of rows instead of indices: so the compiler turns each
-# loop into vector instructions. The four pixels around a place travel in one 32-bit word.
+# Each stage is one loop over views of a row, which the compiler vectorises. The four pixels around
+# a sampling position are packed into one 32-bit word.
 
 
 @nb.njit(nogil=True, cache=True, fastmath=True)
-def spread_row(
+def upsample_row(
     y: int, disparity: Grid, scale: np.float32, cell: int, line: Grid, row: Grid
 ) -> None:
-    """Bilinear disparity of the pixels of image row y into `row`; `line` has a cell more at ends."""
+    """Interpolate the disparity of image row y into `row`; `line` is a padded buffer of cells."""
     rows, columns = disparity.shape
     i = y // cell
     down = np.float32((y - i * cell + 0.5) / cell - 0.5)
@@ -99,7 +100,7 @@ def spread_row(
 
 @nb.njit(nogil=True, cache=True, fastmath=True)
 def _place(row: Grid, at: NDArray[np.int32], share: Grid, seen: Grid) -> None:
-    """Where each pixel of the left row lies in the right one: pixel and share of the next."""
+    """Compute the position of each left pixel in the right row: index, fraction, and seen flag."""
     one, zero, last = np.float32(1.0), np.float32(0.0), np.float32(row.size - 3)
     for x in range(row.size):
         wanted = np.float32(x) - row[x]
@@ -112,7 +113,7 @@ def _place(row: Grid, at: NDArray[np.int32], share: Grid, seen: Grid) -> None:
 
 @nb.njit(nogil=True, cache=True, fastmath=True)
 def _pack(pixels: Image, packed: NDArray[np.uint32]) -> None:
-    """The pixels k - 1 to k + 2 in one word, for every k."""
+    """Pack the pixels k - 1 to k + 2 into one word, for every k."""
     n = pixels.size
     a, b, c, d = pixels[: n - 3], pixels[1 : n - 2], pixels[2 : n - 1], pixels[3:]
     to = packed[1 : n - 2]
@@ -130,7 +131,7 @@ def _take(packed: NDArray[np.uint32], at: NDArray[np.int32], taps: NDArray[np.ui
 
 @nb.njit(nogil=True, cache=True, fastmath=True)
 def _spline(taps: NDArray[np.uint32], share: Grid, value: Grid, slope: Grid, seen: Grid) -> None:
-    """Cubic B-spline and its derivative at each place of the right row."""
+    """Evaluate the cubic B-spline and its derivative at each position in the right row."""
     half, sixth = np.float32(0.5), np.float32(1.0 / 6.0)
     one, two, three, four = np.float32(1), np.float32(2), np.float32(3), np.float32(4)
     byte, eight, sixteen, many = np.uint32(255), np.uint32(8), np.uint32(16), np.uint32(24)
@@ -163,7 +164,7 @@ def _compare(
     mid: Grid,
     unlike: Grid,
 ) -> None:
-    """Gradients and grey levels, left against right; 0 where one does not see."""
+    """Compute gradients, differences and means of both rows; 0 where a pixel is unseen in one."""
     n = pixels.size
     sixth, half, four, one = np.float32(1 / 6), np.float32(0.5), np.float32(4), np.float32(1)
     grey = np.float32(128.0)
@@ -187,7 +188,7 @@ def _compare(
 def _add(
     g: Grid, e: Grid, seen: Grid, mid: Grid, unlike: Grid, out: NDArray[np.float32], cell: int
 ) -> None:
-    """Add a row of pixels to its row of cells, out (9, columns)."""
+    """Add the sums of a row of pixels to its row of cells, out (9, columns)."""
     gg, ge, sum_g, sum_e, ee = out[0], out[1], out[2], out[3], out[4]
     n, s, ss, dd = out[5], out[6], out[7], out[8]
     for x in range(gg.size):
@@ -214,7 +215,7 @@ def _add(
         dd[x] += r
 
 
-# With the cell's size in the code, the loop over its pixels unrolls.
+# A constant cell size lets the compiler unroll the loop over its pixels.
 
 
 @nb.njit(nogil=True, cache=True, fastmath=True)
@@ -256,7 +257,7 @@ def _sum_cells(
         cells = out[:, i]
         cells[:] = np.float32(0.0)
         for y in range(i * cell, (i + 1) * cell):
-            spread_row(y, disparity, scale, cell, line, row)
+            upsample_row(y, disparity, scale, cell, line, row)
             _place(row, at, share, seen)
             _pack(right[y], packed)
             _take(packed, at, taps)

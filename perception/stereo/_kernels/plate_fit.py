@@ -1,10 +1,10 @@
-"""Fitting a disparity surface to uncertain measurements: it resists bending, and tears at edges.
+"""Weighted thin-plate fit of a disparity surface with discontinuities.
 
-Minimises sum_i a_i (d_i - t_i)^2 + stiffness * sum_k w_k c_k^2 over the cells of a grid. c_k are the
-second differences along rows, along columns and across (the thin plate, Terzopoulos 1983), in
-pixels per cell squared; w_k = 1 / (1 + (c_k / crease)^2)^2 (Geman and McClure 1987) lets go of each
-direction by itself where the surface of the moment bends more than a crease does: at the crest of
-a steep wrinkle or a fold the smoothing goes on along it but not across.
+Minimises sum_i a_i (d_i - t_i)^2 + stiffness * sum_k w_k c_k^2 over the cells of a grid. c_k are
+the second differences along rows, along columns and mixed (thin plate, Terzopoulos 1983), in pixels
+per cell squared. The robust weight w_k = 1 / (1 + (c_k / crease)^2)^2 (Geman and McClure 1987) is
+computed per direction from the current surface, so that at the crest of a steep wrinkle or a fold
+the surface is smoothed along the crest but not across it.
 """
 
 import numba as nb
@@ -12,22 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.arrays import Grid
-from unwrinkle.perception._parallel import in_strips
+from unwrinkle.perception._parallel import parallel_rows
 
-_LEAST = 1e-6
+#: Lower bound of the matrix's diagonal.
+_MIN_DIAGONAL = 1e-6
 
 
 class Plate:
-    """The solver for surfaces of one shape (h, w); it keeps its memory from one fit to the next."""
+    """Solver for surfaces of one shape (h, w); its buffers are reused between fits."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
-        """Take the memory."""
+        """Allocate the buffers."""
         h, w = shape
         self._hold = np.empty((3, h, w), dtype=np.float32)
         self._fields = np.empty((5, h, w), dtype=np.float32)
         self._parts = np.zeros((2, h))
 
-    def bend(
+    def fit(
         self,
         surface: Grid,
         weight: Grid,
@@ -37,45 +38,45 @@ class Plate:
         crease: float,
         iterations: int,
     ) -> Grid:
-        """Return the change (h, w) float32 that lowers the energy; good until the next call.
+        """Compute the change (h, w) float32 of the surface that lowers the energy.
 
-        Conjugate gradients with a diagonal preconditioner. A few iterations do: what is far along
-        has been settled on a coarser image, and to stop early leaves the surface nearer to
-        `surface`.
+        Conjugate gradients with a diagonal preconditioner. Few iterations suffice, because long
+        wavelengths have converged on a coarser image; stopping early keeps the result close to
+        `surface`. The result is a buffer that the next call overwrites.
 
         Args:
-            surface: (h, w) float32 d of the moment.
-            weight: (h, w) float32 a, not negative; 0 where nothing was measured.
-            pull: (h, w) float32 a (t - d): half the data term's steepest descent at `surface`.
-            stiffness: of the surface.
-            crease: second difference from which it lets go.
-            iterations: of the solver.
+            surface: (h, w) float32 current d.
+            weight: (h, w) float32 a >= 0; 0 where nothing was measured.
+            pull: (h, w) float32 a (t - d), the negative half gradient of the data term.
+            stiffness: of the plate.
+            crease: scale of the robust weight, pixels per cell squared.
+            iterations: limit of the solver's iterations.
         """
         h, hold, parts = surface.shape[0], self._hold, self._parts
         change, along, residual, inverse, product = self._fields
         change[:] = 0.0
-        in_strips(_holds, h, surface, np.float32(crease**2), np.float32(stiffness), hold)
-        in_strips(_apply, h, surface, change, hold, product, parts)
-        in_strips(_start, h, weight, pull, hold, product, residual, inverse, along, parts)
+        parallel_rows(_holds, h, surface, np.float32(crease**2), np.float32(stiffness), hold)
+        parallel_rows(_apply, h, surface, change, hold, product, parts)
+        parallel_rows(_start, h, weight, pull, hold, product, residual, inverse, along, parts)
         downhill = float(parts[1].sum())
         for _ in range(iterations):
-            in_strips(_apply, h, along, weight, hold, product, parts)
+            parallel_rows(_apply, h, along, weight, hold, product, parts)
             uphill = float(parts[0].sum())
             if not uphill > 0.0 or not downhill > 0.0:
                 break
             step = np.float32(downhill / uphill)
-            in_strips(_descend, h, step, along, product, inverse, change, residual, parts)
+            parallel_rows(_descend, h, step, along, product, inverse, change, residual, parts)
             last, downhill = downhill, float(parts[1].sum())
-            in_strips(_turn, h, np.float32(downhill / last), residual, inverse, along)
+            parallel_rows(_turn, h, np.float32(downhill / last), residual, inverse, along)
         return np.asarray(change)
 
 
-# Loops run over views of rows, so that the compiler turns them into vector instructions.
+# Loops run over views of rows, which the compiler vectorises.
 
 
 @nb.njit(nogil=True, cache=True, fastmath=True)
 def _second(before: Grid, here: Grid, after: Grid, hold: Grid, moment: Grid) -> None:
-    """Held second difference of three rows, or of three views of one."""
+    """Compute the weighted second difference of three rows, or of three shifted views of one."""
     two = np.float32(2.0)
     for x in range(moment.size):
         moment[x] = hold[x] * (before[x] - two * here[x] + after[x])
@@ -83,14 +84,14 @@ def _second(before: Grid, here: Grid, after: Grid, hold: Grid, moment: Grid) -> 
 
 @nb.njit(nogil=True, cache=True, fastmath=True)
 def _twist(here: Grid, right: Grid, below: Grid, across: Grid, hold: Grid, moment: Grid) -> None:
-    """Held twist of cells, their right neighbours, and those below both."""
+    """Compute the weighted mixed difference of cells with their right and lower neighbours."""
     for x in range(moment.size):
         moment[x] = hold[x] * (here[x] - right[x] - below[x] + across[x])
 
 
 @nb.njit(nogil=True, cache=True, fastmath=True)
 def _let_go(hold: Grid, square: np.float32, most: np.float32) -> None:
-    """Turn differences into how firmly they are held."""
+    """Replace second differences by their robust weights times the stiffness `most`."""
     for x in range(hold.size):
         share = square / (square + hold[x] * hold[x])
         hold[x] = most * share * share
@@ -100,7 +101,7 @@ def _let_go(hold: Grid, square: np.float32, most: np.float32) -> None:
 def _holds(
     first: int, last: int, d: Grid, square: np.float32, stiffness: np.float32, hold: Grid
 ) -> None:
-    """How firmly each second difference is held: along rows, along columns, across."""
+    """Compute the weights of the second differences: along rows, along columns, mixed."""
     h, w = d.shape
     one = np.ones(w, np.float32)
     for y in range(first, last):
@@ -120,7 +121,7 @@ def _holds(
 
 @nb.njit(nogil=True, cache=True, fastmath=True)
 def _columns_of(y: int, d: Grid, hold: Grid, moment: Grid) -> None:
-    """Held second difference along the column at each cell of row y, 0 outside."""
+    """Compute the weighted second difference along columns at row y; 0 at the border."""
     if 0 < y < d.shape[0] - 1:
         _second(d[y - 1], d[y], d[y + 1], hold[1, y], moment)
     else:
@@ -129,7 +130,7 @@ def _columns_of(y: int, d: Grid, hold: Grid, moment: Grid) -> None:
 
 @nb.njit(nogil=True, cache=True, fastmath=True)
 def _across_of(y: int, d: Grid, hold: Grid, moment: Grid) -> None:
-    """Held twist between rows y and y + 1; moment[x + 1] is right of cell x, 0 outside."""
+    """Compute the weighted mixed difference of rows y and y + 1 into moment[x + 1]; 0 outside."""
     h, w = d.shape
     moment[:] = np.float32(0.0)
     if 0 <= y < h - 1:
@@ -140,7 +141,7 @@ def _across_of(y: int, d: Grid, hold: Grid, moment: Grid) -> None:
 
 @nb.njit(nogil=True, cache=True, fastmath=True)
 def _gather(rows: Grid, above: Grid, here: Grid, below: Grid, product: Grid) -> None:
-    """Second differences of the moments along rows (padded by one at both ends) and columns."""
+    """Sum the second differences of the moments along rows (padded by one) and along columns."""
     two = np.float32(2.0)
     n = product.size
     left, middle, right = rows[:n], rows[1 : n + 1], rows[2:]
@@ -151,7 +152,7 @@ def _gather(rows: Grid, above: Grid, here: Grid, below: Grid, product: Grid) -> 
 
 @nb.njit(nogil=True, cache=True, fastmath=True)
 def _finish(before: Grid, after: Grid, weight: Grid, d: Grid, product: Grid) -> np.float32:
-    """Add the twists and the data's weight; return the scalar product with d."""
+    """Add the mixed terms and the data term; return the scalar product with d."""
     n = product.size
     b0, b1, a0, a1 = before[:n], before[1:], after[:n], after[1:]
     total = np.float32(0.0)
@@ -172,7 +173,7 @@ def _apply(
     product: Grid,
     parts: NDArray[np.float64],
 ) -> None:
-    """Product of the system's matrix with d, and in parts[0] its scalar product with d by rows."""
+    """Compute the matrix product with d, and its scalar product with d per row in parts[0]."""
     w = d.shape[1]
     rows = np.zeros(w + 2, np.float32)
     above, here, below = np.zeros(w, np.float32), np.zeros(w, np.float32), np.zeros(w, np.float32)
@@ -199,7 +200,7 @@ def _add(to: Grid, values: Grid, times: np.float32) -> None:
 
 @nb.njit(nogil=True, cache=True, fastmath=True)
 def _diagonal(y: int, weight: Grid, hold: Grid, diagonal: Grid) -> None:
-    """Row y of the matrix's diagonal."""
+    """Compute row y of the matrix's diagonal."""
     h, w = weight.shape
     one, four = np.float32(1.0), np.float32(4.0)
     diagonal[:] = weight[y]
@@ -221,7 +222,7 @@ def _diagonal(y: int, weight: Grid, hold: Grid, diagonal: Grid) -> None:
 def _start_row(
     diagonal: Grid, pull: Grid, product: Grid, residual: Grid, inverse: Grid, along: Grid
 ) -> np.float32:
-    one, least, total = np.float32(1.0), np.float32(_LEAST), np.float32(0.0)
+    one, least, total = np.float32(1.0), np.float32(_MIN_DIAGONAL), np.float32(0.0)
     for x in range(diagonal.size):
         share = one / max(diagonal[x], least)
         left = pull[x] - product[x]
@@ -245,7 +246,7 @@ def _start(
     along: Grid,
     parts: NDArray[np.float64],
 ) -> None:
-    """First residual, the inverse of the matrix's diagonal, and the first direction."""
+    """Initialise the residual, the inverse diagonal and the search direction."""
     diagonal = np.empty(weight.shape[1], np.float32)
     for y in range(first, last):
         _diagonal(y, weight, hold, diagonal)
@@ -274,7 +275,7 @@ def _descend(
     residual: Grid,
     parts: NDArray[np.float64],
 ) -> None:
-    """One step; parts[1] gets the preconditioned square of the residual by rows."""
+    """Take a step; store the preconditioned squared residual per row in parts[1]."""
     for y in range(first, last):
         _add(change[y], along[y], step)
         parts[1, y] = _descend_row(step, product[y], inverse[y], residual[y])
@@ -290,6 +291,6 @@ def _turn_row(share: np.float32, residual: Grid, inverse: Grid, along: Grid) -> 
 def _turn(
     first: int, last: int, share: np.float32, residual: Grid, inverse: Grid, along: Grid
 ) -> None:
-    """The next direction."""
+    """Update the search direction."""
     for y in range(first, last):
         _turn_row(share, residual[y], inverse[y], along[y])

@@ -1,8 +1,8 @@
-"""From a first guess to a sub-pixel disparity surface on a grid of cells, coarse to fine.
+"""Coarse-to-fine refinement of an initial disparity to a sub-pixel surface on a grid of cells.
 
-On each coarser image windowed steps (Lucas and Kanade) bring the disparity to a fraction of a
-pixel. On the finest, a surface is fitted to the normal equations of all pixels, each weighted by
-its sensor noise and by how well its cell fits.
+On the coarser images windowed Lucas-Kanade steps converge to a fraction of a pixel. On the finest a
+thin plate is fitted to the normal equations of all pixels, each weighted by the sensor noise and by
+the misfit of its cell.
 """
 
 from dataclasses import dataclass
@@ -17,34 +17,54 @@ from unwrinkle.perception.stereo._kernels.normal_equations import CellSums, cell
 from unwrinkle.perception.stereo._kernels.plate_fit import Plate
 from unwrinkle.perception.stereo._kernels.sgm_init import coarse_disparity
 
-# Images of at least so many pixels start at this scale, on cells of half as many pixels a side.
+#: Least image size, pixels, and reduction of the initial images; cells are half as many pixels.
 _SCALES = ((1.4e6, 8), (0.6e6, 4), (0.42e6, 2))
-_FIRST_WINDOWS = (6.0, 6.0)  # pixels of the full image, Gaussian
+
+#: Sigmas of the windows on the coarsest image, pixels of the full image.
+_FIRST_WINDOWS = (6.0, 6.0)
+
+#: Sigmas of the windows on the other images, pixels of the full image.
 _WINDOWS = (4.8,)
-# By a cell's pixels: cells^2 / pixel^2, and steps of the solver in each fit. Weak texture needs many
-# steps at the end: with 15 in each fit plain cloth keeps a fifth more error, and no time is saved.
+
+#: Stiffness of the plate, cells^2 / pixel^2, by the side of a cell, pixels.
 STIFFNESS = {1: 100.0, 2: 50.0, 4: 200.0}
+
+#: Solver iterations of each fit, by the side of a cell, pixels. Weak texture needs many in the last
+#: fit: with 15 in each, plain cloth has a fifth more error and the time is the same.
 _ITERATIONS = {1: (15,) * 4, 2: (10, 10, 10, 40), 4: (10, 10, 10, 40)}
-_CREASES = (0.3, 0.2, 0.12)  # pixels per cell^2, of one fit after the other
-# Stiffness per mean weight of the fit before the finest (of a first guess, of windowed steps), and
-# its crease.
-_SETTLING, _SETTLING_CREASE = (1.0, 3.0), 0.3
-_FIT_SIDES = {1: 5, 2: 3, 4: 1}  # cells of so many pixels -> side of the square that tells misfit
-_FARTHEST = 1.5  # pixels of the image in use that one fit may move
-_ROUNDING = 1.0 / 12.0
+
+#: Creases of the successive fits on the finest image, pixels per cell^2.
+_CREASES = (0.3, 0.2, 0.12)
+
+#: Stiffness per mean weight of the fit before the finest ones: after the initial disparity alone,
+#: and after windowed steps.
+_COARSE_STIFFNESS = (1.0, 3.0)
+
+#: Crease of that fit, pixels per cell^2.
+_COARSE_CREASE = 0.3
+
+#: Side of the square over which the misfit is averaged, cells, by the side of a cell, pixels.
+_MISFIT_WINDOWS = {1: 5, 2: 3, 4: 1}
+
+#: Limit of the change in one fit, pixels of the current image.
+_MAX_CHANGE_PX = 1.5
+
+#: Variance of rounding to whole grey levels.
+_ROUNDING_VARIANCE = 1.0 / 12.0
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
-    """A disparity surface on cells, and what it rests on; all (rows, columns) float32.
+class DisparitySurface:
+    """Disparity surface on cells with the data of its last fit; arrays (rows, columns) float32.
 
     Attributes:
         disparity: at the cells' centres, pixels.
-        cell: pixels along a cell's side.
-        sums: of the last fit.
-        weight: of the last fit's data, 1 / pixel^2.
+        cell: side of a cell, pixels.
+        sums: normal equations of the last fit.
+        weight: of the data in the last fit, 1 / pixel^2.
         variance: of a grey level of the left image, grey levels^2.
-        misfit: mean square of the images' difference over what noise explains; 1 for a match.
+        misfit: mean squared difference of the images over its expectation from noise; about 1 for
+            a match.
     """
 
     disparity: Grid
@@ -56,19 +76,19 @@ class Surface:
 
 
 def scale_for(shape: tuple[int, ...]) -> int:
-    """Return how many times smaller the images of the first guess are."""
+    """Return the reduction of the images for the initial disparity."""
     return next((scale for least, scale in _SCALES if shape[0] * shape[1] >= least), 1)
 
 
-def fit_surface(
+def refine_disparity(
     left: Image, right: Image, lowest: int, highest: int, gain: float, read: float
-) -> Surface:
-    """Return the disparity surface of a rectified pair whose sides are multiples of its scale.
+) -> DisparitySurface:
+    """Compute the disparity surface of a rectified pair whose sides are multiples of its scale.
 
     Args:
-        left, right: (h, w) uint8, 0 where a camera does not see.
-        lowest, highest: range of the first guess, pixels.
-        gain, read: variance gain * I + read^2 of a grey level.
+        left, right: (h, w) uint8; 0 marks unseen pixels.
+        lowest, highest: range of the initial disparity, pixels.
+        gain, read: noise model, variance gain * I + read^2 of a grey level I.
     """
     scale = scale_for(left.shape)
     cell = max(1, scale // 2)
@@ -79,10 +99,10 @@ def fit_surface(
     if scale > cell:
         disparity = _doubled(disparity)
     grey = lefts[cell].astype(np.float32)
-    variance = np.float32(gain) * grey + np.float32(read**2 + _ROUNDING)
+    variance = np.float32(gain) * grey + np.float32(read**2 + _ROUNDING_VARIANCE)
     plate = Plate(disparity.shape)
     room = np.empty((12, *disparity.shape), dtype=np.float32)
-    # Fewer than `_SCALES` pixels: the first guess is sub-pixel, and windows would blur its edges.
+    # Small images have a sub-pixel initial disparity, whose edges windowed steps would blur.
     factor = cell
     while True:
         pair, share = (lefts[factor], rights[factor]), variance / np.float32(factor**2)
@@ -93,9 +113,9 @@ def fit_surface(
             disparity = cv2.medianBlur(disparity - np.float32(factor) * step, 5)
         if factor == min(2, cell):
             sums = cell_sums(*pair, disparity, cell // factor, 1.0 / factor, room[:9])
-            data = weigh(sums, share, _FIT_SIDES[cell // factor], room[9:])
-            stiffness = _SETTLING[scale > 1] * max(1e-3, float(data[0].mean()))
-            scaled, crease = disparity / np.float32(factor), _SETTLING_CREASE / factor
+            data = weigh(sums, share, _MISFIT_WINDOWS[cell // factor], room[9:])
+            stiffness = _COARSE_STIFFNESS[scale > 1] * max(1e-3, float(data[0].mean()))
+            scaled, crease = disparity / np.float32(factor), _COARSE_CREASE / factor
             change = _bent(plate, scaled, data, stiffness, crease, _ITERATIONS[cell][0])
             disparity = disparity + np.float32(factor) * change
         if factor <= 2:
@@ -103,9 +123,9 @@ def fit_surface(
         factor //= 2
     for crease, iterations in zip(_CREASES, _ITERATIONS[cell][1:], strict=True):
         sums = cell_sums(left, right, disparity, cell, 1.0, room[:9])
-        data = weigh(sums, variance, _FIT_SIDES[cell], room[9:])
+        data = weigh(sums, variance, _MISFIT_WINDOWS[cell], room[9:])
         disparity = disparity + _bent(plate, disparity, data, STIFFNESS[cell], crease, iterations)
-    return Surface(disparity, cell, sums, data[0], variance, data[2])
+    return DisparitySurface(disparity, cell, sums, data[0], variance, data[2])
 
 
 def _pyramid(image: Image, scale: int) -> dict[int, Image]:
@@ -132,7 +152,7 @@ def _bent(
     iterations: int,
 ) -> Grid:
     weight, pull, _ = data
-    change = plate.bend(
+    change = plate.fit(
         disparity, weight, pull, stiffness=stiffness, crease=crease, iterations=iterations
     )
-    return np.clip(change, -_FARTHEST, _FARTHEST)
+    return np.clip(change, -_MAX_CHANGE_PX, _MAX_CHANGE_PX)

@@ -1,7 +1,7 @@
-"""Resampling an image into a rectified view: the map on a coarse lattice, cubic taps, two threads.
+"""Resampling of images into a rectified view: coarse map lattice, Catmull-Rom interpolation.
 
-The map of a lens is smooth, so it is computed exactly at every 8th or 16th pixel and interpolated
-bilinearly between (under 0.006 pixel off for the lenses in use). No full-size map is kept.
+The map of a lens is smooth: it is computed exactly at every 8th or 16th pixel and interpolated
+bilinearly in between (error below 0.006 pixel for the lenses in use). No full-size map is stored.
 """
 
 from dataclasses import dataclass
@@ -11,38 +11,47 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.perception._parallel import in_strips
+from unwrinkle.perception._parallel import parallel_rows
 from unwrinkle.perception.camera import Camera
 
-_STEP, _FINE_STEP, _WIDE = 16, 8, 2000  # pixels; the fine one for views that are less wide
-_OUT = -1e6  # a place that no image has
+#: Spacing of the lattice, pixels.
+_STEP = 16
+
+#: Spacing for views of at most `_WIDE_PX` pixels.
+_FINE_STEP = 8
+
+#: Largest width of a view with the fine spacing, pixels.
+_WIDE_PX = 2000
+
+#: Position outside of every image, pixels.
+_OUTSIDE_PX = -1e6
 
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """Source columns and rows, (ny, nx) float32 pixels, at every `step`-th pixel of a view."""
+    """Source columns and rows, (ny, nx) float32, pixels, at every `step`-th pixel of a view."""
 
     columns: NDArray[np.float32]
     rows: NDArray[np.float32]
     step: int
 
     def maps(self, shape: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Full-size maps (h, w) float32 for `cv2.remap`."""
+        """Return the full-size maps (h, w) float32, pixels, for `cv2.remap`."""
         return (
-            _spread(self.columns, self.step, shape),
-            _spread(self.rows, self.step, shape),
+            _upsampled(self.columns, self.step, shape),
+            _upsampled(self.rows, self.step, shape),
         )
 
 
 def lattice(source: Camera, view: Camera, R_VS: NDArray[np.float64]) -> Lattice:
-    """Return where the pixels of an undistorted view lie in the image of its source camera.
+    """Compute the positions of an undistorted view's pixels in the image of its source camera.
 
     Args:
-        source: with its distortion.
-        view: pinhole camera at the same place.
+        source: camera with its distortion.
+        view: pinhole camera with the same optical centre.
         R_VS: (3, 3) rotation of the source camera in the view's frame.
     """
-    step = _STEP if view.width > _WIDE else _FINE_STEP
+    step = _STEP if view.width > _WIDE_PX else _FINE_STEP
     u = np.arange(-(-view.width // step) + 1) * float(step)
     v = np.arange(-(-view.height // step) + 1) * float(step)
     x, y = np.meshgrid((u - view.cx) / view.fx, (v - view.cy) / view.fy)
@@ -52,30 +61,32 @@ def lattice(source: Camera, view: Camera, R_VS: NDArray[np.float64]) -> Lattice:
     pixels = source.project(safe)
     if any(source.distortion):
         ahead &= _unfolded(source, safe[..., :2] / safe[..., 2:])
-    pixels[~ahead] = _OUT
+    pixels[~ahead] = _OUTSIDE_PX
     columns, rows = np.moveaxis(pixels.astype(np.float32), -1, 0)
     return Lattice(np.ascontiguousarray(columns), np.ascontiguousarray(rows), step)
 
 
 def warp(image: NDArray[np.uint8], where: Lattice, shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """Resample a grey image with Catmull-Rom's cubic; 0 where it lacks one of the 4 x 4 pixels.
+    """Resample a grey image with the Catmull-Rom cubic; 0 where a tap is outside the image.
 
     Args:
         image: (h', w') uint8.
-        where: the map.
+        where: positions in the image.
         shape: (h, w) of the result.
     """
     result = np.empty(shape, dtype=np.uint8)
     source = np.ascontiguousarray(image)
     height, width = source.shape
-    # Every four bytes in a row as one little-endian word, at any byte.
+    # View of every four consecutive bytes as one little-endian word.
     words = np.ndarray((source.size - 3,), "<u4", source, strides=(1,))
-    in_strips(_warp, shape[0], words, height, width, where.columns, where.rows, where.step, result)
+    parallel_rows(
+        _warp, shape[0], words, height, width, where.columns, where.rows, where.step, result
+    )
     return result
 
 
 def _unfolded(camera: Camera, xy: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Where the radial distortion still grows with the radius, so that no pixel is seen twice."""
+    """Return where the distorted radius grows with the radius, so that the mapping is unique."""
     k1, k2 = camera.distortion[:2]
     k3 = camera.distortion[4] if len(camera.distortion) > 4 else 0.0
     radius = np.linspace(0.0, max(1e-3, float(np.linalg.norm(xy, axis=-1).max())), 4096)
@@ -86,20 +97,22 @@ def _unfolded(camera: Camera, xy: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray(np.linalg.norm(xy, axis=-1) < limit)
 
 
-def _spread(values: NDArray[np.float32], step: int, shape: tuple[int, int]) -> NDArray[np.float32]:
+def _upsampled(
+    values: NDArray[np.float32], step: int, shape: tuple[int, int]
+) -> NDArray[np.float32]:
     grown = np.array([[1.0 / step, 0.0, 0.0], [0.0, 1.0 / step, 0.0]])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     full = cv2.warpAffine(values, grown, shape[::-1], flags=flags, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(full, dtype=np.float32)
 
 
-# One stage per loop over a row, so that the compiler turns each into vector instructions. The four
-# pixels of a row of taps are read as one 32-bit word.
+# Each stage is one loop over a row, which the compiler vectorises. The four pixels of a row of taps
+# are read as one 32-bit word.
 
 
 @nb.njit(nogil=True, cache=True, fastmath=True)
 def _line(y: int, values: NDArray[np.float32], step: int, line: NDArray[np.float32]) -> None:
-    """The lattice's values at the pixels of row y."""
+    """Interpolate the lattice at the pixels of row y."""
     i = y // step
     down, share = np.float32((y - i * step) / step), np.float32(1.0 / step)
     for j in range(values.shape[1] - 1):
@@ -119,7 +132,7 @@ def _place(
     at: NDArray[np.int32],
     keep: NDArray[np.float32],
 ) -> None:
-    """Index of the first of the 4 x 4 taps; what is left of `columns` and `rows` are shares."""
+    """Compute the index of the first of 4 x 4 taps; replace columns and rows by fractions."""
     one, zero = np.float32(1.0), np.float32(0.0)
     right, bottom = np.float32(width - 3), np.float32(height - 3)
     for x in range(at.size):
@@ -145,7 +158,7 @@ def _take(
 def _across(
     tap: NDArray[np.uint32], share: NDArray[np.float32], value: NDArray[np.float32]
 ) -> None:
-    """Catmull-Rom's cubic along a row of four taps."""
+    """Interpolate along a row of four taps with the Catmull-Rom cubic."""
     half, one, two = np.float32(0.5), np.float32(1.0), np.float32(2.0)
     three, five = np.float32(3.0), np.float32(5.0)
     byte, eight, sixteen, many = np.uint32(255), np.uint32(8), np.uint32(16), np.uint32(24)
@@ -169,7 +182,7 @@ def _down(
     keep: NDArray[np.float32],
     result: NDArray[np.uint8],
 ) -> None:
-    """The same cubic down the four rows, rounded."""
+    """Interpolate down the four rows with the Catmull-Rom cubic, and round."""
     half, one, two = np.float32(0.5), np.float32(1.0), np.float32(2.0)
     three, five = np.float32(3.0), np.float32(5.0)
     zero, white = np.float32(0.0), np.float32(255.0)

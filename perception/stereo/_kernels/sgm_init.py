@@ -1,13 +1,20 @@
-"""The first guess of a disparity: semi-global matching (Hirschmueller 2008) of small images."""
+"""Initial disparity: semi-global matching (Hirschmueller 2008) of reduced images."""
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+#: Side of the matching block, pixels.
 _BLOCK = 5
-_UNIQUE = 5  # per cent by which the best must beat the next
-_SPECKLE = 100  # pixels
-_FILL = (5, 15, 45, 135)
+
+#: Least margin of the best cost to the second best, per cent.
+_UNIQUENESS_PERCENT = 5
+
+#: Size up to which a component is speckle, pixels.
+_SPECKLE_SIZE = 100
+
+#: Sides of the successive windows of the hole filling, pixels.
+_FILL_WINDOWS = (5, 15, 45, 135)
 
 
 def coarse_disparity(
@@ -18,18 +25,19 @@ def coarse_disparity(
     *,
     quick: bool,
 ) -> NDArray[np.float32]:
-    """Return disparities (h, w) float32, pixels, everywhere.
+    """Compute a dense disparity (h, w) float32, pixels.
 
-    What fails the left-right check, is ambiguous or a speckle is filled from around it.
+    Pixels that fail the left-right check, are ambiguous or belong to speckle are filled from their
+    surroundings.
 
     Args:
         left, right: (h, w) uint8 rectified images.
         lowest, highest: range of the search, pixels, negative to positive.
-        quick: costs along three directions instead of four, on all processors.
+        quick: aggregate costs along three directions instead of four, in parallel.
     """
     count = -(-(highest - lowest + 1) // 16) * 16
     before, after = max(0, lowest + count), max(0, -lowest)
-    # OpenCV leaves out columns whose search would leave the image; the border gives it room.
+    # OpenCV skips columns whose search range leaves the image; pad them.
     padded = [
         cv2.copyMakeBorder(image, 0, 0, before, after, cv2.BORDER_REPLICATE)
         for image in (left, right)
@@ -42,8 +50,8 @@ def coarse_disparity(
         P2=32 * _BLOCK**2,
         disp12MaxDiff=1,
         preFilterCap=31,
-        uniquenessRatio=_UNIQUE,
-        speckleWindowSize=_SPECKLE,
+        uniquenessRatio=_UNIQUENESS_PERCENT,
+        speckleWindowSize=_SPECKLE_SIZE,
         speckleRange=2,
         mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY if quick else cv2.STEREO_SGBM_MODE_HH4,
     )
@@ -56,12 +64,12 @@ def coarse_disparity(
 def _filled(
     disparity: NDArray[np.float32], measured: NDArray[np.bool_], otherwise: float
 ) -> NDArray[np.float32]:
-    """Means over ever wider windows where nothing was measured, then a median."""
+    """Fill unmeasured pixels by means over increasingly wide windows; then median-filter."""
     known = np.where(measured, disparity, np.float32(0.0))
     weight = measured.astype(np.float32)
     missing = (~measured).astype(np.uint8)
     result = known.copy()
-    for size in _FILL:
+    for size in _FILL_WINDOWS:
         if not missing.any():
             break
         share = cv2.boxFilter(weight, -1, (size, size))

@@ -1,28 +1,28 @@
-"""From values on cells to pixels: bilinear disparity and its mask in one pass."""
+"""Bilinear upsampling of a disparity surface and its mask from cells to pixels."""
 
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.arrays import Grid
-from unwrinkle.perception._parallel import in_strips
-from unwrinkle.perception.stereo._kernels.normal_equations import spread_row
+from unwrinkle.perception._parallel import parallel_rows
+from unwrinkle.perception.stereo._kernels.normal_equations import upsample_row
 
 
-def spread_cells(
+def upsample_cells(
     disparity: Grid, good: NDArray[np.bool_], cell: int, shape: tuple[int, int]
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return disparity (h, w) float32, 0 in cells that are not good, and the mask (h, w) bool.
+    """Upsample to disparity (h, w) float32, 0 in cells that are not good, and mask (h, w) bool.
 
     Args:
-        disparity: (rows, columns) at the cells' centres.
-        good: (rows, columns).
-        cell: pixels along a cell's side.
+        disparity: (rows, columns) at the cells' centres, pixels.
+        good: (rows, columns) bool, valid cells.
+        cell: side of a cell, pixels.
         shape: (h, w), at most (rows, columns) * cell.
     """
     full, mask = np.empty(shape, np.float32), np.empty(shape, np.bool_)
     flags = good.view(np.uint8), mask.view(np.uint8)
-    in_strips(_spread, -(-shape[0] // cell), disparity, flags[0], cell, full, flags[1])
+    parallel_rows(_upsample, -(-shape[0] // cell), disparity, flags[0], cell, full, flags[1])
     return full, mask
 
 
@@ -33,7 +33,7 @@ def _cut_row(row: Grid, keep: Grid, full: Grid) -> None:
 
 
 @nb.njit(nogil=True, cache=True)
-def _spread(
+def _upsample(
     first: int,
     last: int,
     disparity: Grid,
@@ -50,6 +50,6 @@ def _spread(
             keep[j::cell] = good[i]
             cut[j::cell] = good[i]
         for y in range(i * cell, min((i + 1) * cell, full.shape[0])):
-            spread_row(y, disparity, np.float32(1.0), cell, line, row)
+            upsample_row(y, disparity, np.float32(1.0), cell, line, row)
             _cut_row(row, keep, full[y])
             mask[y] = cut[:width]

@@ -1,1 +1,1 @@
-"""The compiled XPBD solver of the cloth."""
+"""Numba kernels of the XPBD cloth solver."""

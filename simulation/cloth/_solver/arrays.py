@@ -1,4 +1,4 @@
-"""The constant arrays of a cloth: masses, compliances, triangles."""
+"""Constant arrays of the cloth solver: masses, compliances, triangles."""
 
 import dataclasses as dc
 
@@ -13,19 +13,19 @@ from unwrinkle.simulation.cloth.outlines import Outline
 
 @dc.dataclass(frozen=True, eq=False)
 class ClothArrays:
-    """What the kernels need beside the state; see `_cloth_layout` and `_cloth_step`.
+    """Constant inputs of the kernels; see `layout` and `step`.
 
     Attributes:
-        rows: constants of the nodes, (nx + 2, channels, STRIDE), flat order of the kernels.
-        turned: the same with i and j exchanged, for the other yarns.
-        yarn_j: compliances / dt^2 of the springs to (i, j + 1), (nx + 2, STRIDE).
+        rows: (nx + 2, channels, STRIDE) constants of the nodes, see `layout`.
+        turned: the transposed array (i and j exchanged), for the yarns along j.
+        yarn_j: (nx + 2, STRIDE) compliances / dt^2 of the springs to (i, j + 1).
         inverse_mass: (S,), 1/kg.
-        numbers: of the nodes that are cloth, in the grid, (n,).
-        places: where those are in `rows`, (n,).
-        triangles: corners as numbers among those nodes, (m, 3).
-        triangle_places: the same as places in `rows`.
-        rest: those nodes in the flat cloth, (n, 2), m.
-        centres: of the triangles there, (m, 2), m.
+        numbers: (n,) grid numbers of the nodes that are cloth.
+        places: (n,) their indices in `rows`.
+        triangles: (m, 3) corners as indices into these nodes.
+        triangle_places: (m, 3) corners as indices in `rows`.
+        rest: (n, 2) these nodes in the flat cloth, m.
+        centres: (m, 2) centroids of the triangles in the flat cloth, m.
     """
 
     rows: NDArray[np.float64]
@@ -41,17 +41,17 @@ class ClothArrays:
 
 
 def places_of(numbers: NDArray[np.intp], columns: int) -> NDArray[np.uint64]:
-    """Return where nodes of a grid with `columns` columns are in the layout."""
+    """Return the indices in the layout of nodes of a grid with `columns` columns."""
     return ((numbers // columns + 1) * ROW + numbers % columns).astype(np.uint64)
 
 
 def cloth_arrays(
     outline: Outline, material: ClothMaterial, step: float, clamped: NDArray[np.intp]
 ) -> ClothArrays:
-    """Return the arrays of a garment.
+    """Compute the arrays of a garment.
 
     Raises:
-        InputError: the bending is too stiff for so long a step at this spacing.
+        InputError: the bending is too stiff for this time step and spacing.
     """
     mask, cells, h = outline.mask, outline.cells, outline.spacing
     nx, ny = mask.shape
@@ -61,7 +61,7 @@ def cloth_arrays(
     inverse_mass[mask] = 1.0 / (material.areal_density * h * h * share[mask])
     free = inverse_mass.copy()
     free.reshape(-1)[clamped] = 0.0
-    # Springs along i have the cells on both sides; half of them at the border. Along j likewise.
+    # A spring has the stiffness of the cells on both sides, half of it at the border.
     padded = np.pad(cells, ((0, 0), (1, 1))).astype(float)
     along_i = np.zeros((nx, ny))
     along_i[:-1] = 0.5 * (padded[:, :-1] + padded[:, 1:])
@@ -77,7 +77,8 @@ def cloth_arrays(
     bend_rising, bend_falling = np.zeros((nx, ny)), np.zeros((nx, ny))
     bend_rising[1:-1, 1:-1] = cells[:-1, :-1] & cells[1:, 1:]
     bend_falling[1:-1, 1:-1] = cells[:-1, 1:] & cells[1:, :-1]
-    # Four lines with 2/3 of the stiffness each bend as an isotropic plate with Poisson's ratio 1/3.
+    # Bending along four lines with 2/3 of the stiffness equals an isotropic plate of Poisson's
+    # ratio 1/3.
     straight = 2.0 / 3.0 * material.first_bending / h**2
     rows, turned = empty_rows(nx), empty_rows(ny)
     put(rows, "yarn", _compliance(along_i, material.stretch, step))
@@ -94,7 +95,7 @@ def cloth_arrays(
         (rows, "bend_rising", 0.25 * straight, bend_rising),
         (rows, "bend_falling", 0.25 * straight, bend_falling),
     ):
-        values = _mended(_compliance(parts, stiffness, step), weight, step)
+        values = _compensated(_compliance(parts, stiffness, step), weight, step)
         put(target, channel, values.T if target is turned else values)
     put(rows, "next_i", (along_i > 0.0).astype(float))
     put(rows, "next_j", (along_j > 0.0).astype(float))
@@ -104,7 +105,7 @@ def cloth_arrays(
     corners = _triangles(cells, ny)
     plane = outline.plane.reshape(-1, 2)
     triangles, rest = among[corners], plane[numbers]
-    for value in (numbers, triangles, rest):  # handed out as they are
+    for value in (numbers, triangles, rest):  # returned to callers
         value.flags.writeable = False
     return ClothArrays(
         rows=rows,
@@ -121,34 +122,34 @@ def cloth_arrays(
 
 
 def _compliance(shares: NDArray[np.float64], stiffness: float, step: float) -> NDArray[np.float64]:
-    """Compliance / dt^2 of elements with a share of a stiffness (N/m); infinite where it is 0."""
+    """Return the compliance / dt^2 of elements with a share of a stiffness, N/m; infinite for 0."""
     with np.errstate(divide="ignore"):
         return np.asarray(1.0 / (shares * stiffness * step**2))
 
 
-def _mended(
+def _compensated(
     compliance: NDArray[np.float64], weight: NDArray[np.float64], step: float
 ) -> NDArray[np.float64]:
-    """Take off the softness that doing the bendings one after another adds.
+    """Subtract the compliance that the sequential projection of the bending elements adds.
 
-    A bending element (1, -2, 1) is disturbed by the two after it on its line. Where all of a line push
-    alike, what remains of its second difference is (compliance + (6 - 4 + 1) w) times its push: three
-    inverse masses too soft.
+    A bending element (1, -2, 1) is disturbed by the two that follow on its line. If all elements of
+    a line have the same impulse, the remaining second difference is (compliance + (6 - 4 + 1) w)
+    times the impulse, that is, three inverse masses w too compliant.
     """
     present = np.isfinite(compliance)
-    mended = compliance - 3.0 * weight
-    if (mended[present] <= 0.0).any():
-        # compliance is proportional to 1 / step^2, weight does not depend on it
+    compensated = compliance - 3.0 * weight
+    if (compensated[present] <= 0.0).any():
+        # The compliance is proportional to 1 / step^2, the weight is independent of it.
         ratio = float((compliance[present] / (3.0 * weight[present])).min())
         raise InputError(
             f"cloth: bending is too stiff for a time step of {step:g} s at this spacing; "
             f"give {0.95 * step * np.sqrt(ratio):.2g} s or less, or fewer nodes"
         )
-    return np.where(present, mended, np.inf)
+    return np.where(present, compensated, np.inf)
 
 
 def _triangles(cells: NDArray[np.bool_], columns: int) -> NDArray[np.intp]:
-    """Two triangles per cell, diagonals in turn, counter-clockwise seen from +z, (m, 3)."""
+    """Return two triangles per cell (m, 3), alternating diagonals, counter-clockwise from +z."""
     i, j = np.nonzero(cells)
     a = i * columns + j
     b, c, d = a + columns, a + columns + 1, a + 1

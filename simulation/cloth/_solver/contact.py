@@ -1,4 +1,4 @@
-"""Kernels of the cloth against itself: which nodes are near which triangles, and keeping them apart."""
+"""Kernels of self-contact: search of close node-triangle pairs, and their separation."""
 
 import numpy as np
 from numba import njit
@@ -10,7 +10,8 @@ from unwrinkle.simulation.cloth.layout import offset
 _X, _Y, _Z, _W = offset("x"), offset("y"), offset("z"), offset("w")
 _PX, _PY, _PZ = offset("px"), offset("py"), offset("pz")
 OVERFLOW = -1
-#: Cells of the search grid per node, beyond which the cloth flew apart: flat it has about one.
+#: Cells of the search grid per node above which the positions have diverged; a flat cloth has
+#: about one.
 MOST_CELLS = 64
 
 
@@ -20,7 +21,7 @@ def _closest(
     ac: tuple[float, float, float],
     ap: tuple[float, float, float],
 ) -> tuple[float, float]:
-    """Return (v, w): the point a + v ab + w ac of the triangle closest to p.
+    """Return (v, w) of the triangle's point a + v ab + w ac closest to p.
 
     Ericson, Real-Time Collision Detection (2005), section 5.1.5.
     """
@@ -64,22 +65,23 @@ def find_pairs(
     pairs: NDArray[np.uint64],
     sides: NDArray[np.float64],
 ) -> int:
-    """List node-triangle pairs closer than `reach`; return how many, or OVERFLOW where that is too many or no cloth any more.
+    """List the node-triangle pairs closer than `reach`; return their number, or OVERFLOW.
 
-    Pairs closer than `apart` in the flat cloth are neighbours and left out. The side of the triangle
-    that the node is on is remembered, so that it is pushed back to it.
+    Pairs closer than `apart` in the flat cloth are neighbours and are skipped. The node's side of
+    the triangle is stored, so that `separate` pushes it back to that side. OVERFLOW: too many
+    pairs, or diverged positions.
 
     Args:
         rows: the cloth.
-        nodes: where each node is in `rows`, (n,).
-        rest: of each node in the flat cloth, (n, 2), m.
-        triangles: the corners' places in `rows`, (m, 3).
-        centres: of the triangles in the flat cloth, (m, 2), m.
+        nodes: (n,) indices of the nodes in `rows`.
+        rest: (n, 2) nodes in the flat cloth, m.
+        triangles: (m, 3) indices of the corners in `rows`.
+        centres: (m, 2) centroids of the triangles in the flat cloth, m.
         apart: m.
         reach: m.
-        cell: of the search grid, m; at least one node spacing.
-        pairs: filled with (node's place, triangle's number), (most, 2).
-        sides: filled with +1 or -1, (most,).
+        cell: side of a cell of the search grid, m; at least one node spacing.
+        pairs: output (most, 2): node's index in `rows`, triangle's number.
+        sides: output (most,): +1 or -1.
     """
     count = nodes.shape[0]
     low_x = low_y = np.inf
@@ -165,7 +167,7 @@ def separate(
     thickness: float,
     friction: float,
 ) -> None:
-    """Push each listed node `thickness` away from its triangle, on its side, with Coulomb friction."""
+    """Push each listed node to `thickness` from its triangle, on its side, with friction."""
     for q in range(found):
         p, t = pairs[q, 0], pairs[q, 1]
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
@@ -195,14 +197,12 @@ def separate(
         depth = thickness - (dx * nx + dy * ny + dz * nz)
         if depth <= 0.0:
             continue
-        depth = min(
-            depth, 0.5 * thickness
-        )  # in one substep: no jump where layers were forced through
+        depth = min(depth, 0.5 * thickness)  # limit per substep: avoids jumps after penetration
         wp, wa, wb, wc = rows[_W + p], u * rows[_W + a], v * rows[_W + b], w * rows[_W + c]
         mobility = wp + u * wa + v * wb + w * wc
         if mobility == 0.0:
             continue
-        # Motion of the node along the triangle over this substep, which friction takes back.
+        # Tangential motion of the node over this substep, which friction reverses.
         rx = rows[_X + p] - rows[_PX + p] - u * (rows[_X + a] - rows[_PX + a])
         ry = rows[_Y + p] - rows[_PY + p] - u * (rows[_Y + a] - rows[_PY + a])
         rz = rows[_Z + p] - rows[_PZ + p] - u * (rows[_Z + a] - rows[_PZ + a])

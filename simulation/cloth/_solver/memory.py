@@ -1,4 +1,4 @@
-"""A cloth's state in the kernels' memory: written there, advanced, and read back."""
+"""Buffers of the cloth solver: write a state, run substeps, read it back."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,13 @@ from unwrinkle.simulation.cloth._solver.step import substeps
 from unwrinkle.simulation.cloth.layout import get, put
 from unwrinkle.simulation.cloth.state import ClothError, ClothState
 
-MOST_SPEED = 5.0  # m/s, of a node: contacts that part in one substep would throw it
-_MOST_STRETCH = 3.0  # times its rest length: beyond it the solver has failed
+#: Limit of a node's speed, m/s: contacts resolved within one substep would eject it.
+MOST_SPEED = 5.0
+
+#: Length of a spring, multiples of its rest length, beyond which the solver has failed.
+_MAX_STRETCH = 3.0
+
+#: Capacity of the list of contact pairs per node.
 _PAIRS_PER_NODE = 60
 _POSITIONS = ("x", "y", "z")
 _VELOCITIES = ("vx", "vy", "vz")
@@ -20,7 +25,7 @@ _CURVATURES = ("rest", "rest_rising", "rest_falling")
 
 
 class ClothMemory:
-    """Scratch memory of one cloth; between two calls of its owner it holds nothing of worth."""
+    """Solver buffers of one cloth; their contents are valid between `write` and `read` only."""
 
     def __init__(
         self,
@@ -32,7 +37,7 @@ class ClothMemory:
         gravity: tuple[float, float, float],
         step: float,
     ) -> None:
-        """Keep the constants and make the scratch arrays."""
+        """Compute the constants and allocate the buffers."""
         self._arrays, self._mask, self._spacing, self._step = arrays, mask, spacing, step
         self._rows, self._turned = arrays.rows.copy(), arrays.turned.copy()
         most = _PAIRS_PER_NODE * len(arrays.places)
@@ -41,7 +46,7 @@ class ClothMemory:
         half, h, thickness = 0.5 * material.thickness, spacing, material.thickness
         x, y = (float(value) for value in table.centre)
         half_x, half_y = (0.5 * float(value) for value in table.size)
-        edge = min(h, half_x, half_y)  # one spacing: some node is always on the rounding
+        edge = min(h, half_x, half_y)  # one spacing: some node is always on the rounded edge
         self._table = (x, y, half_x, half_y, table.height + half, half, edge)
         slip = material.yield_curvature * h * h
         self._bends = (slip, 2.0 * slip, material.plastic_bending / material.first_bending)
@@ -56,7 +61,7 @@ class ClothMemory:
         self._damping = (material.air_drag, material.viscosity * step / h**2, MOST_SPEED)
 
     def write(self, state: ClothState, held: NDArray[np.intp]) -> None:
-        """Put `state` in, with the nodes numbered `held` moved by hands alone."""
+        """Write a state; the nodes numbered `held` get infinite mass."""
         shape = self._mask.shape
         for names, values in (
             (_POSITIONS, state.positions),
@@ -72,10 +77,10 @@ class ClothMemory:
         self._held = places_of(held, shape[1])
 
     def run(self, count: int, begin: NDArray[np.float64], end: NDArray[np.float64]) -> None:
-        """Advance by `count` substeps while the held nodes go from `begin` to `end`, (k, 3), m.
+        """Run `count` substeps while the held nodes move from `begin` to `end`, (k, 3), m.
 
         Raises:
-            ClothError: it touches itself in more places than a cloth can, or it flew apart.
+            ClothError: too many contact pairs, or the positions diverged.
         """
         arrays = self._arrays
         found = substeps(
@@ -104,12 +109,12 @@ class ClothMemory:
         )
         if found == OVERFLOW:
             raise ClothError(
-                f"cloth: touches itself in more than {len(self._pairs)} places, or flew apart; it is a knot, or "
-                "the solver failed: take a shorter time step or slower hands"
+                f"cloth: touches itself in more than {len(self._pairs)} places, or flew apart; it "
+                "is a knot, or the solver failed: take a shorter time step or slower hands"
             )
 
     def places(self) -> NDArray[np.float64]:
-        """Return a copy of the positions of the nodes that are cloth, (3, n), m."""
+        """Return a copy of the positions (3, n) of the nodes that are cloth, m."""
         return self._planes(_POSITIONS)[:, self._arrays.numbers]
 
     def read(
@@ -118,7 +123,7 @@ class ClothMemory:
         """Return positions (3, S), velocities (3, S) and curvatures (4, S).
 
         Raises:
-            ClothError: they cannot be those of a cloth at `time`.
+            ClothError: a value is not finite, or a yarn is torn; the message states `time`.
         """
         positions, velocities = self._planes(_POSITIONS), self._planes(_VELOCITIES)
         last = get(self._turned, "rest", self._mask.shape[0]).T.ravel()
@@ -132,7 +137,7 @@ class ClothMemory:
         for axis, joined in ((1, mask[1:] & mask[:-1]), (2, mask[:, 1:] & mask[:, :-1])):
             length = np.linalg.norm(np.diff(grid, axis=axis), axis=0)[joined]
             stretch = float(length.max()) / self._spacing
-            if stretch > _MOST_STRETCH:
+            if stretch > _MAX_STRETCH:
                 raise ClothError(
                     f"cloth: torn at {time:.3f} s, a yarn is {stretch:.1f} times its length; "
                     "the hands pull too far apart, or take a shorter time step"

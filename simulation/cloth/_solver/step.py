@@ -1,11 +1,18 @@
-"""Kernels of one substep of the cloth, and the loop over substeps."""
+"""Kernels of a substep of the cloth solver, and the loop over substeps."""
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from unwrinkle.simulation.cloth._solver.contact import OVERFLOW, find_pairs, separate
-from unwrinkle.simulation.cloth._solver.yarns import Rows, U, bending, brace, line_solver, normals
+from unwrinkle.simulation.cloth._solver.yarns import (
+    Rows,
+    U,
+    bending,
+    effective_masses,
+    line_solver,
+    normals,
+)
 from unwrinkle.simulation.cloth.layout import ROW, offset
 
 _ROW = U(ROW)
@@ -15,7 +22,8 @@ _VX, _VY, _VZ = offset("vx"), offset("vy"), offset("vz")
 _SX, _SY, _SZ = offset("sx"), offset("sy"), offset("sz")
 _NEXT_I, _NEXT_J = offset("next_i"), offset("next_j")
 _W0 = offset("w0")
-_BRACE_EVERY = 4  # substeps: tension changes slowly
+#: Interval of the effective masses' update, substeps; tension changes slowly.
+_MASS_UPDATE_INTERVAL = 4
 _WEIGHT = np.array([_W], np.uint64)
 _POSITION = np.array([_X, _Y, _Z], np.uint64)
 _NORMAL = np.array([offset("nx"), offset("ny"), offset("nz")], np.uint64)
@@ -29,8 +37,8 @@ _bend_falling = bending("bend_falling", "rest_falling", -1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _turn(source: Rows, target: Rows, nx: int, ny: int, channels: NDArray[np.uint64]) -> None:
-    """Copy `channels` of `source` (nx rows) to `target` with rows and columns exchanged."""
+def _transpose(source: Rows, target: Rows, nx: int, ny: int, channels: NDArray[np.uint64]) -> None:
+    """Copy channels of `source` (nx rows) to `target`, transposed."""
     block = 8
     for channel in channels:
         for i0 in range(0, nx, block):
@@ -46,7 +54,7 @@ def _turn(source: Rows, target: Rows, nx: int, ny: int, channels: NDArray[np.uin
 def _predict(
     rows: Rows, nx: int, ny: int, step: float, gravity: tuple[float, float, float]
 ) -> None:
-    """Keep the positions and move them on by the velocities, gravity added."""
+    """Store the positions and predict the new ones by velocity and gravity."""
     gx, gy, gz = gravity
     for i in range(1, nx + 1):
         here = U(i) * _ROW
@@ -71,11 +79,11 @@ def _ground(
     table: tuple[float, float, float, float, float, float, float],
     mu: float,
 ) -> None:
-    """Keep the nodes off the table and above the floor, with Coulomb friction.
+    """Project the nodes out of table and floor, with Coulomb friction.
 
-    Friction works on positions: inside the cone a node is put back exactly where it was, so nothing
-    creeps. `table`: centre x, y, half sizes x, y, the heights of a node that lies on the table and on the
-    floor, and the radius of the table's rounded edge: over a sharp one, nodes would catch.
+    Friction acts on positions: within the cone a node is reset exactly to its former position, so
+    that it does not creep. `table`: centre x, y, half sizes x, y, heights of a node on the table
+    and on the floor, and radius of the table's rounded edge, m; nodes would catch on a sharp edge.
     """
     centre_x, centre_y, half_x, half_y, top, floor, edge = table
     for i in range(1, nx + 1):
@@ -85,7 +93,7 @@ def _ground(
             x, y, z = rows[_X + o], rows[_Y + o], rows[_Z + o]
             px, py, pz = rows[_PX + o], rows[_PY + o], rows[_PZ + o]
             ax, ay = x - centre_x, y - centre_y
-            # How far beyond the flat part of the top, and above where the rounding begins.
+            # Distance beyond the flat part of the top, and above the start of the rounding.
             out_x = max(0.0, abs(ax) - (half_x - edge))
             out_y = max(0.0, abs(ay) - (half_y - edge))
             out = np.sqrt(out_x * out_x + out_y * out_y)
@@ -117,10 +125,10 @@ def _ground(
 def _velocities(
     rows: Rows, nx: int, ny: int, step: float, drag: float, viscosity: float, most: float
 ) -> None:
-    """Take the velocities from the positions, with air drag, a speed limit and inner viscosity.
+    """Compute the velocities from the positions, with air drag, speed limit and viscosity.
 
-    `viscosity` is the diffusion number D dt / h^2. It acts on differences of velocity between
-    neighbours: the cloth's motion as a whole is left alone.
+    `viscosity` is the diffusion number D dt / h^2. It acts on velocity differences of neighbouring
+    nodes, so that it does not damp rigid motion.
     """
     slowed = 1.0 / (step * (1.0 + drag * step))
     one = U(1)
@@ -164,7 +172,7 @@ def _velocities(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _farthest(rows: Rows, nodes: NDArray[np.uint64], listed: NDArray[np.float64]) -> float:
-    """Return the largest squared distance of a node from where it was `listed` (n, 3)."""
+    """Return the largest squared distance, m^2, of a node from its listed position (n, 3)."""
     most = 0.0
     for k in range(nodes.shape[0]):
         o = nodes[k]
@@ -199,26 +207,26 @@ def substeps(
     pairs: NDArray[np.uint64],
     sides: NDArray[np.float64],
 ) -> int:
-    """Advance the cloth by `count` substeps; return the number of self-contact pairs, or OVERFLOW if they are too many or it flew apart.
+    """Run `count` substeps; return the number of self-contact pairs, or OVERFLOW on failure.
 
     Args:
-        rows: the cloth, (nx rows); its state and constants, changed in place.
-        turned: the same with rows and columns exchanged: only what the other yarns need.
-        yarn_j: see `brace`.
+        rows: state and constants of the cloth (nx rows), changed in place.
+        turned: the transposed channels that the yarns along j need.
+        yarn_j: see `effective_masses`.
         nx: nodes along i.
         ny: nodes along j.
-        count: of substeps.
-        step: seconds.
+        count: number of substeps.
+        step: duration of a substep, s.
         spacing: of the nodes, m.
         gravity: m/s^2.
         table: see `_ground`.
-        bends: slip of the straight and of the diagonal bendings (m), plastic share.
-        contact: friction on the table, thickness (m), friction on itself, apart, reach, cell (m).
-        damping: air drag 1/s, diffusion number, greatest speed m/s.
-        held: places of nodes that move from `held_from` to `held_to` (k, 3) in equal parts.
+        bends: slip of the straight and of the diagonal bending (m), plastic share.
+        contact: table friction, thickness (m), self-friction, apart, reach, cell (m).
+        damping: air drag (1/s), diffusion number, speed limit (m/s).
+        held: indices of nodes that move linearly from `held_from` to `held_to` (k, 3).
         held_from: m.
         held_to: m.
-        nodes: see `find_pairs`, as the rest.
+        nodes: see `find_pairs`, as for the following.
         rest: m.
         triangles: places.
         centres: m.
@@ -228,13 +236,13 @@ def substeps(
     slip, slip_diagonal, share = bends
     friction, thickness, self_friction, apart, reach, cell = contact
     drag, viscosity, most = damping
-    listed = np.full((nodes.shape[0], 3), 1e9)  # m: the first substep makes the list
+    listed = np.full((nodes.shape[0], 3), 1e9)  # m, far away: the first substep builds the list
     found = 0
     diagonal = spacing * np.sqrt(2.0)
     for s in range(count):
-        if s % _BRACE_EVERY == 0:
-            brace(rows, nx, ny, spacing, yarn_j)
-            _turn(rows, turned, nx, ny, _WEIGHT)
+        if s % _MASS_UPDATE_INTERVAL == 0:
+            effective_masses(rows, nx, ny, spacing, yarn_j)
+            _transpose(rows, turned, nx, ny, _WEIGHT)
         _predict(rows, nx, ny, step, gravity)
         part = (s + 1.0) / count
         for k in range(held.shape[0]):
@@ -249,12 +257,13 @@ def substeps(
         _bend_falling(rows, nx, ny, slip_diagonal, share)
         _bend(rows, nx, ny, slip, share)
         _yarns(rows, nx, ny, spacing)
-        _turn(rows, turned, nx, ny, _POSITION)
-        _turn(rows, turned, nx, ny, _NORMAL)
+        _transpose(rows, turned, nx, ny, _POSITION)
+        _transpose(rows, turned, nx, ny, _NORMAL)
         _bend(turned, ny, nx, slip, share)
         _yarns(turned, ny, nx, spacing)
-        _turn(turned, rows, ny, nx, _POSITION)
-        # The list holds every pair within reach = 2 thicknesses: good until two nodes can have closed one.
+        _transpose(turned, rows, ny, nx, _POSITION)
+        # The list holds all pairs within reach = 2 thicknesses. It is valid until two nodes may
+        # have approached by one thickness.
         if _farthest(rows, nodes, listed) > 0.25 * thickness * thickness:
             found = find_pairs(
                 rows, nodes, rest, triangles, centres, apart, reach, cell, pairs, sides

@@ -1,6 +1,6 @@
-"""Kernels of the cloth inside itself: its yarns, its shear and its bending, along lines of nodes.
+"""Kernels of the internal forces of the cloth: yarns, shear and bending, along lines of nodes.
 
-Every function runs along the rows of the layout (`_cloth_layout`) and is vector code over a row.
+Every function runs along the rows of the layout (`layout`) and vectorises over a row.
 """
 
 from collections.abc import Callable
@@ -21,22 +21,24 @@ _UX, _UY, _UZ, _CP, _DP = (offset(name) for name in ("ux", "uy", "uz", "cp", "dp
 _NEXT_I, _NEXT_J = offset("next_i"), offset("next_j")
 _YARN, _RISING, _FALLING = offset("yarn"), offset("rising"), offset("falling")
 _W0 = offset("w0")
-_NONE = 1e30  # a compliance beyond this is that of no element
+#: Compliance above which there is no element.
+_NONE = 1e30
 
 
 def line_solver(channel: str, shift: int) -> Callable[[Rows, int, int, float], None]:
     """Return the kernel f(rows, nx, ny, length) of the springs (i, j) - (i + 1, j + shift).
 
-    All springs of a line of nodes are solved together (Thomas' algorithm on the XPBD system, Macklin 2016
-    eq. 18 linearised at the given positions). Springs done one by one would be no stiffer than mass / dt^2,
-    about 13 N/m for a towel of 80 nodes, whatever the material says. `length`: rest length, m.
+    All springs of a line of nodes are solved jointly (Thomas' algorithm on the XPBD system, Macklin
+    2016 eq. 18, linearised at the given positions). Projected one by one, springs would be no
+    stiffer than mass / dt^2, about 13 N/m for a towel of 80 nodes, for any material. `length`: rest
+    length, m.
     """
     compliance = offset(channel)
     down = U((ROW + shift) % 2**64)
 
     @njit(cache=True, nogil=True, error_model="numpy")
     def solve(rows: Rows, nx: int, ny: int, length: float) -> None:
-        # The scratch beside the outermost springs is never written: no spring, all zeros.
+        # The scratch beside the outermost springs is never written and stays zero.
         for i in range(1, nx):
             here = U(i) * _ROW
             for column in range(ny):
@@ -52,7 +54,7 @@ def line_solver(channel: str, shift: int) -> Callable[[Rows, int, int, float], N
                 dz /= distance
                 cosine = rows[_UX + q] * dx + rows[_UY + q] * dy + rows[_UZ + q] * dz
                 lower = -rows[_W + o] * cosine
-                # The spring above needed this one's direction for its coupling: finish it now.
+                # The coupling of the spring above needs this spring's direction: complete it now.
                 upper = rows[_CP + q] * cosine
                 rows[_CP + q] = upper
                 pivot = rows[_W + o] + rows[_W + p] + rows[compliance + o] - lower * upper
@@ -86,11 +88,11 @@ def line_solver(channel: str, shift: int) -> Callable[[Rows, int, int, float], N
 def bending(
     channel: str, memory: str, shift: int
 ) -> Callable[[Rows, int, int, float, float], None]:
-    """Return the kernel f(rows, nx, ny, slip, share) of bending along (-1, -shift), (0, 0), (1, shift).
+    """Return the kernel f(rows, nx, ny, slip, share) of bending along (1, shift).
 
-    The second difference c of the three positions is pulled towards share * rest * normal. `rest` follows
-    c along the normal once they differ by more than `slip` (m): an elasto-plastic (Jenkin) element, with
-    `share` of the whole stiffness, beside an elastic one.
+    The second difference c of the three positions is projected towards share * rest * normal.
+    `rest` follows c along the normal if they differ by more than `slip` (m): an elasto-plastic
+    (Jenkin) element with `share` of the total stiffness, parallel to an elastic one.
     """
     compliance = offset(channel)
     rest = offset(memory)
@@ -133,7 +135,7 @@ def bending(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def normals(rows: Rows, nx: int, ny: int) -> None:
-    """Write the unit normals: i direction times j direction, one-sided at the border."""
+    """Compute unit normals: cross product of i and j differences, one-sided at the border."""
     one = U(1)
     for i in range(1, nx + 1):
         here = U(i) * _ROW
@@ -158,15 +160,15 @@ def normals(rows: Rows, nx: int, ny: int) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def brace(rows: Rows, nx: int, ny: int, length: float, yarn_j: Rows) -> None:
-    """Give taut nodes so much effective mass that their springs cannot make them rattle sideways.
+def effective_masses(rows: Rows, nx: int, ny: int, length: float, yarn_j: Rows) -> None:
+    """Compute the effective masses that stabilise taut nodes against transverse oscillation.
 
-    A taut line of nodes swings sideways like a string of stiffness 4 T / h per node. The springs' directions
-    are those of the predicted positions, which is stable only while 4 T dt^2 / (h m) < 4/3. Twice the sum of
-    T dt^2 / h over a node's springs is therefore added to its mass (as in Andrews 2017, "Geometric
-    stiffness for real-time constrained multibody dynamics", with a scalar). Weight stays what it was, and so
-    does every equilibrium. `length`: of a yarn's spring, m. `yarn_j`: compliances / dt^2 of the springs
-    (i, j) - (i, j + 1), in the same rows, (nx + 2) * STRIDE.
+    A taut line of nodes has the transverse stiffness 4 T / h per node. The springs' directions are
+    those of the predicted positions, which is stable only for 4 T dt^2 / (h m) < 4/3. Therefore
+    twice the sum of T dt^2 / h over a node's springs is added to its mass (as in Andrews 2017,
+    "Geometric stiffness for real-time constrained multibody dynamics", with a scalar). Weight, and
+    with it every equilibrium, is unchanged. `length`: rest length of a yarn's spring, m. `yarn_j`:
+    compliances / dt^2 of the springs (i, j) - (i, j + 1), in the same rows, (nx + 2) * STRIDE.
     """
     diagonal = length * np.sqrt(2.0)
     one = U(1)

@@ -1,4 +1,4 @@
-"""Boards in drawn images: where their corners are, which is which, and what is no board."""
+"""Detection of calibration boards in synthetic images: corners, numbering, refusals."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Bundle adjustment: its derivatives, what it finds, what it says of its accuracy."""
+"""Bundle adjustment: derivatives, estimates, stated accuracy."""
 
 import dataclasses
 
@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
 from unwrinkle.models.transforms import inverse, pose, transformed
-from unwrinkle.perception.calibration._bundle_problem import Problem
+from unwrinkle.perception.calibration._bundle_problem import BundleProblem
 from unwrinkle.perception.calibration.boards import Board, BoardView
 from unwrinkle.perception.calibration.bundle_adjustment import Adjustment, adjust
 from unwrinkle.perception.calibration.hand_eye import angle_between
-from unwrinkle.perception.calibration.rig import Rig, Shot, moved
+from unwrinkle.perception.calibration.rig import BoardObservation, Rig, moved
 from unwrinkle.perception.camera import Camera
 
 BOARD = Board(7, 6, 0.04)
@@ -32,7 +32,7 @@ def _turned(rng: np.random.Generator, angle: float) -> NDArray[np.float64]:
 
 def _rig_and_shots(
     seed: int, noise: float, joint_noise: float = 0.0, looks: int = 14
-) -> tuple[Rig, list[Shot]]:
+) -> tuple[Rig, list[BoardObservation]]:
     """Two eyes on mounts 0.3 m apart that look at a board 1.2 m before them, and at four more."""
     rng = np.random.default_rng(seed)
     mounts = tuple(pose(_turned(rng, 0.05), rng.uniform(-0.05, 0.05, 3)) for _ in CAMERAS)
@@ -53,7 +53,7 @@ def _rig_and_shots(
             corners = corners + noise * rng.standard_normal(corners.shape)
             view = BoardView(BOARD.points_T, corners, np.arange(42), 1200, 900)
             axes = AXES if joint_noise else np.zeros((0, 6))
-            shots.append(Shot(view, eye, eye, board, X_BM, axes, look))
+            shots.append(BoardObservation(view, eye, eye, board, X_BM, axes, look))
     return rig, shots
 
 
@@ -79,7 +79,7 @@ def _off(rig: Rig, seed: int, cameras: bool = True) -> Rig:
 def test_derivatives_are_those_of_small_steps() -> None:
     rig, shots = _rig_and_shots(0, 0.1, joint_noise=1e-3, looks=6)
     noise = np.linspace(0.05, 0.2, len(shots))
-    problem = Problem(_off(rig, 0), shots, True, True, True, 1e-3, noise)
+    problem = BundleProblem(_off(rig, 0), shots, True, True, True, 1e-3, noise)
     rng = np.random.default_rng(1)
     change = 1e-3 * rng.standard_normal(problem.size)
     change[problem.joint_start :] *= 0.01

@@ -1,4 +1,4 @@
-"""Which images belong together, what a file of looks says, and what comes back from a file."""
+"""Calibration files: image pairs, head views, round trips."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -13,13 +13,13 @@ from unwrinkle.models.transforms import PoseRecord, pose
 from unwrinkle.perception.calibration.boards import Board, BoardView
 from unwrinkle.perception.calibration.files import (
     MountedCamera,
+    find_board_pairs,
     find_boards,
     find_pairs,
     load_stereo,
+    read_gripper_views,
+    read_head_views,
     save_record,
-    view_looks,
-    view_pairs,
-    view_poses,
 )
 from unwrinkle.perception.calibration.stereo import PairRecord, StereoCalibration
 from unwrinkle.perception.camera import Camera
@@ -86,7 +86,7 @@ def test_pairs_without_a_board_are_named(folder: Path, tmp_path: Path) -> None:
     for name, source in (("left1", "board"), ("right1", "bare"), ("left2", "board")):
         (tmp_path / f"{name}.png").write_bytes((folder / f"{source}.png").read_bytes())
     (tmp_path / "right2.png").write_bytes((folder / "board.png").read_bytes())
-    views, missing = view_pairs(find_pairs([tmp_path]), BOARD)
+    views, missing = find_board_pairs(find_pairs([tmp_path]), BOARD)
     assert [view.name for view in views] == ["2"]
     assert len(missing) == 1
     assert missing[0].startswith("1: right: no chessboard of 5x4")
@@ -107,7 +107,7 @@ def test_looks(folder: Path) -> None:
         "- {name: last, left: {pan: 0.0, tilt: 0.0},\n"
         "   right: {image: board.png, pan: 0.0, tilt: 0.1}}\n",
     )
-    looks, missing = view_looks(path, BOARD)
+    looks, missing = read_head_views(path, BOARD)
     assert [look.name for look in looks] == ["look 1", "last"]
     first, last = looks
     assert (first.gaze.left, first.gaze.right) == ((0.1, -0.2), (0.3, -0.4))
@@ -134,7 +134,7 @@ def test_looks(folder: Path) -> None:
 )
 def test_bad_looks(folder: Path, text: str, named: str) -> None:
     with pytest.raises(InputError, match=named):
-        view_looks(_looks_file(folder, text), BOARD)
+        read_head_views(_looks_file(folder, text), BOARD)
 
 
 def test_poses(folder: Path) -> None:
@@ -143,13 +143,13 @@ def test_poses(folder: Path) -> None:
     path.write_text(
         f"looks:\n- {{image: board.png, pose: {row}}}\n- {{image: bare.png, pose: {row}}}\n"
     )
-    poses, views, missing = view_poses(path, BOARD)
+    poses, views, missing = read_gripper_views(path, BOARD)
     np.testing.assert_array_equal(poses, [HERE.matrix("x")])
     assert len(views) == 1
     assert missing[0].startswith("bare.png: no chessboard")
     path.write_text("looks:\n- {image: board.png}\n")
     with pytest.raises(InputError, match=r"board\.png: a pose needs"):
-        view_poses(path, BOARD)
+        read_gripper_views(path, BOARD)
 
 
 def test_a_stereo_calibration_comes_back_whole(tmp_path: Path) -> None:

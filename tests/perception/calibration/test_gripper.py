@@ -1,4 +1,4 @@
-"""A camera in the gripper, found from looks at a board that stays in place."""
+"""Gripper camera calibration from views of a fixed board."""
 
 import numpy as np
 import pytest
@@ -56,7 +56,7 @@ def test_a_pose_of_another_look_is_left_out_by_name() -> None:
 
 
 def test_a_pose_that_only_shifted_is_left_out_by_name() -> None:
-    """No rotation tells it: the reprojection does."""
+    """The error shows in the reprojection only, not in the rotations."""
     poses, views = _looks(2)
     poses[3] = poses[3].copy()
     poses[3][0, 3] += 0.006

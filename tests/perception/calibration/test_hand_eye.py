@@ -1,4 +1,4 @@
-"""Hand-eye: exact on exact poses, close on noisy ones, and refusals."""
+"""Hand-eye calibration: exact on exact poses, accurate on noisy ones, refusals."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""The head from nothing: a head that differs from the nominal one, found from corners alone."""
+"""Head calibration: recover a head that differs from the nominal one from corners alone."""
 
 import dataclasses
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from unwrinkle.benchmarks.calibration import _Looks, corners_of
 from unwrinkle.models import InputError
 from unwrinkle.models.transforms import inverse
 from unwrinkle.perception.calibration.hand_eye import angle_between
-from unwrinkle.perception.calibration.head import HeadFit, HeadLook, calibrate_head
+from unwrinkle.perception.calibration.head import HeadFit, HeadView, calibrate_head
 from unwrinkle.perception.calibration.stereo import StereoCalibration, calibrate_stereo
 from unwrinkle.perception.stereo.head import Eye, Gaze, StereoHead
 from unwrinkle.perception.stereo.head_file import nominal_calibration
@@ -25,7 +25,7 @@ class Case:
     """A true head, what was seen of boards, and the stereo calibration."""
 
     truth: StereoHead
-    looks: list[HeadLook]
+    looks: list[HeadView]
     stereo: StereoCalibration
 
 
@@ -36,7 +36,7 @@ def case() -> Case:
     scene = _Looks(truth, corners_of(truth, BOARD, 0.04, rng), rng, 16, 18)
     stereo = calibrate_stereo(scene.pairs(), BOARD).calibration
     looks = [
-        HeadLook(f"look {k}", gaze, *scene.eyes(scene.fixed, truth.poses(gaze)))
+        HeadView(f"look {k}", gaze, *scene.eyes(scene.fixed, truth.poses(gaze)))
         for k, gaze in enumerate(scene.gazes)
     ]
     return Case(truth, looks, stereo)
@@ -117,13 +117,13 @@ def test_a_board_moved_between_the_looks(case: Case) -> None:
     scene = _Looks(case.truth, corners_of(case.truth, BOARD, 0.04, rng), rng, 1, 18)
     poses = case.truth.poses(scene.stage)
     pair = scene.eyes(scene.places[0], poses)
-    looks = [*case.looks, HeadLook("elsewhere", scene.stage, *pair, "elsewhere")]
+    looks = [*case.looks, HeadView("elsewhere", scene.stage, *pair, "elsewhere")]
     found = calibrate_head(looks, case.stereo, NOMINAL)
     assert not found.rejected
     _check_close(case, found)
 
 
-def _with_gazes(looks: list[HeadLook], change: Callable[[Gaze], Gaze]) -> list[HeadLook]:
+def _with_gazes(looks: list[HeadView], change: Callable[[Gaze], Gaze]) -> list[HeadView]:
     return [dataclasses.replace(look, gaze=change(look.gaze)) for look in looks]
 
 
@@ -169,7 +169,7 @@ def test_other_refusals(case: Case) -> None:
 
 def test_swapped_eyes_are_refused(case: Case) -> None:
     swapped = [
-        HeadLook(look.name, Gaze(*look.gaze.right, *look.gaze.left), look.right, look.left)
+        HeadView(look.name, Gaze(*look.gaze.right, *look.gaze.left), look.right, look.left)
         for look in case.looks
     ]
     stereo = dataclasses.replace(
@@ -194,7 +194,7 @@ def test_repeatability_of_the_units_is_reckoned_with(case: Case) -> None:
     looks = []
     for k, gaze in enumerate(scene.gazes):
         true = Gaze(*(np.array([*gaze.left, *gaze.right]) + off * rng.standard_normal(4)))
-        looks.append(HeadLook(f"look {k}", gaze, *scene.eyes(scene.fixed, case.truth.poses(true))))
+        looks.append(HeadView(f"look {k}", gaze, *scene.eyes(scene.fixed, case.truth.poses(true))))
     found, told, exact = (
         calibrate_head(looks, case.stereo, NOMINAL, joint_noise=noise) for noise in (None, off, 0.0)
     )

@@ -1,4 +1,4 @@
-"""Stereo calibration: the real chessboards, known cameras, and pairs that do not belong."""
+"""Stereo calibration: real chessboards, known cameras, and mismatched pairs."""
 
 import dataclasses
 import logging
@@ -13,7 +13,7 @@ from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
 from unwrinkle.models.transforms import inverse, pose, transformed
 from unwrinkle.perception.calibration.boards import Board, BoardView
-from unwrinkle.perception.calibration.files import find_pairs, view_pairs
+from unwrinkle.perception.calibration.files import find_board_pairs, find_pairs
 from unwrinkle.perception.calibration.hand_eye import angle_between
 from unwrinkle.perception.calibration.stereo import (
     PairView,
@@ -59,7 +59,7 @@ def _seen(camera: Camera, X_CT: Pose, noise: float, rng: np.random.Generator) ->
 def test_real_chessboards_meet_the_targets(shared_data: Path) -> None:
     folder = shared_data / "stereo_chessboard"
     board = Board(9, 6, 0.025)
-    pairs, missing = view_pairs(find_pairs([folder]), board)
+    pairs, missing = find_board_pairs(find_pairs([folder]), board)
     assert len(pairs) == 8
     assert not missing
     found = calibrate_stereo(pairs, board).calibration

@@ -1,4 +1,4 @@
-"""Captures from files: what loads, and what is refused in one clear line."""
+"""Captures from files: supported formats and refused input."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""From capture to range map: place, orientation, holes, and clear refusals."""
+"""Range maps of captures: position, orientation, holes, and refused input."""
 
 from dataclasses import replace
 from functools import cache
@@ -8,6 +8,7 @@ import pytest
 
 from unwrinkle.benchmarks._data import GARMENT_CENTRE, TABLE
 from unwrinkle.models import InputError
+from unwrinkle.models.errors import NoGarmentError
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.range_mapping import Capture, load_capture, range_map_from_capture
 from unwrinkle.perception.range_map import RangeMap
@@ -38,7 +39,7 @@ def _capture(**changes: object) -> Capture:
 
 
 def _top(range_map: RangeMap) -> np.ndarray:
-    """World x, y of the ridge: the centre of what stands over 15 mm."""
+    """Return the world x, y of the ridge: the centre of cells above 15 mm."""
     rows, columns = np.nonzero(range_map.height > 0.015)
     return range_map.world_from_cell(np.array([columns.mean(), rows.mean()]))
 
@@ -130,7 +131,7 @@ def test_pose_that_the_table_contradicts() -> None:
 
 
 def test_bare_table_has_no_garment() -> None:
-    with pytest.raises(InputError, match="made: no garment found"):
+    with pytest.raises(NoGarmentError, match="made: no garment found"):
         range_map_from_capture(
             _capture(depth=np.full((512, 640), 1.0, dtype=np.float32)),
             centre=GARMENT_CENTRE,

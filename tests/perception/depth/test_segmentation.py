@@ -1,10 +1,10 @@
-"""Garment and table told apart, by depth, by registered colour and by colour laid over depth."""
+"""Segmentation of the garment by depth, by registered and by aligned colour."""
 
 import cv2
 import numpy as np
 import pytest
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InsufficientViewError, NoGarmentError
 from unwrinkle.perception.depth.color_registration import align_colour
 from unwrinkle.perception.depth.segmentation import one_piece, segment
 from unwrinkle.perception.sensor import noise_profile
@@ -108,12 +108,12 @@ def test_same_seed_same_mask() -> None:
 def test_bare_table_has_no_garment(seed: int) -> None:
     noise = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal((480, 640)), (0, 0), 2.5)
     height = 0.002 * noise / noise.std()
-    with pytest.raises(InputError, match="no garment"):
+    with pytest.raises(NoGarmentError, match="no garment"):
         segment(height, np.ones((480, 640), bool), noise_profile("xtion"))
 
 
 def test_all_garment_is_refused() -> None:
-    with pytest.raises(InputError, match="fills"):
+    with pytest.raises(InsufficientViewError, match="fills"):
         segment(np.full(SHAPE, 0.02), np.ones(SHAPE, bool), noise_profile("xtion"))
 
 

@@ -10,7 +10,7 @@ from unwrinkle.models import InputError
 from unwrinkle.models.table import Table
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.capture import Capture
-from unwrinkle.perception.depth.table_crop import over_table
+from unwrinkle.perception.depth.table_crop import crop_to_table
 
 CAMERA = Camera("c", 320, 240, 260.0, 260.0, 159.5, 119.5)
 TABLE = Table((0.1, -1.2), (0.8, 0.6), 0.7)
@@ -34,7 +34,7 @@ def _capture() -> Capture:
 
 
 def test_the_window_is_the_table_and_the_rays_stay() -> None:
-    cropped = over_table(_capture(), TABLE)
+    cropped = crop_to_table(_capture(), TABLE)
     width, height = 0.8 / 1.2 * 260.0, 0.6 / 1.2 * 260.0
     assert cropped.camera.width == pytest.approx(width, abs=3)
     assert cropped.camera.height == pytest.approx(height, abs=3)
@@ -48,18 +48,18 @@ def test_the_window_is_the_table_and_the_rays_stay() -> None:
 
 
 def test_the_floor_is_no_reading() -> None:
-    whole = over_table(_capture(), dc.replace(TABLE, size=(1.0, 0.8)))
+    whole = crop_to_table(_capture(), dc.replace(TABLE, size=(1.0, 0.8)))
     assert set(np.unique(whole.depth)) == {np.float32(0.0), np.float32(1.2)}
 
 
 def test_what_cannot_be_cropped_is_refused() -> None:
     capture = _capture()
     with pytest.raises(InputError, match="give its pose"):
-        over_table(Capture(capture.depth, CAMERA), TABLE)
+        crop_to_table(Capture(capture.depth, CAMERA), TABLE)
     with pytest.raises(InputError, match="does not look down"):
-        over_table(Capture(capture.depth, CAMERA, X_WC=_pose(0.5)), TABLE)
+        crop_to_table(Capture(capture.depth, CAMERA, X_WC=_pose(0.5)), TABLE)
     with pytest.raises(InputError, match="not in view"):
-        over_table(capture, dc.replace(TABLE, centre=(3.1, -1.2)))
+        crop_to_table(capture, dc.replace(TABLE, centre=(3.1, -1.2)))
     empty = dc.replace(capture, depth=np.full((240, 320), 1.9, np.float32))
     with pytest.raises(InputError, match="no reading"):
-        over_table(empty, TABLE)
+        crop_to_table(empty, TABLE)

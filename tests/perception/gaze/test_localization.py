@@ -1,4 +1,4 @@
-"""Places to a fraction of a pixel, on images whose mapping is known."""
+"""Sub-pixel localization on images with a known mapping."""
 
 import cv2
 import numpy as np
@@ -55,7 +55,7 @@ def test_a_wrinkle_moves_its_own_points_only() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_steep_flank_shifts_no_place(seed: int) -> None:
+def test_a_steep_slope_shifts_no_place(seed: int) -> None:
     # A shift alone was off by a pixel here: within its window the cloth is stretched by a quarter.
     image = cloth(seed=seed)
     u, v = np.meshgrid(np.arange(616.0), np.arange(408.0))

@@ -1,4 +1,4 @@
-"""Gaze and vergence: the geometry, and the loop closed through pictures of a printed table."""
+"""Gaze control and vergence: geometry, and the closed loop on simulated images."""
 
 import dataclasses
 from math import atan2, degrees, radians
@@ -21,7 +21,7 @@ from unwrinkle.perception.gaze.vergence import (
     centre,
     crossing,
     in_steps,
-    look,
+    measure_gaze,
     offset,
     quantised,
     ray,
@@ -37,7 +37,7 @@ AIM = np.array([0.02, -1.10, TABLE])
 
 
 def small(head: StereoHead) -> StereoHead:
-    """The head with pictures of an eighth of the size."""
+    """Return the head with images of an eighth of the size."""
     left, right = (
         dataclasses.replace(eye, camera=eye.camera.scaled(1 / 8)) for eye in (head.left, head.right)
     )
@@ -196,10 +196,10 @@ def test_the_target_is_centred_in_three_looks(
 ) -> None:
     outcome = world.begin(moved(GOOD, *offsets), target)
     assert outcome.centred, outcome.reason
-    assert len(outcome.looks) <= 3
+    assert len(outcome.measurements) <= 3
     assert max(world.off[0]) > 10 * TOLERANCE
     assert max(world.off[-1]) < TOLERANCE
-    last = outcome.looks[-1]
+    last = outcome.measurements[-1]
     for measured, true in zip((last.left_offset, last.right_offset), world.off[-1], strict=True):
         assert degrees(abs(measured - true)) < 0.007
     assert quantised(HEAD, outcome.gaze) == outcome.gaze
@@ -215,7 +215,7 @@ def test_a_poor_calibration_costs_a_look_and_no_accuracy(world: World, target: T
     world.off = []
     outcome = centre(poor, target, start, world.take, height=TABLE)
     assert outcome.centred, outcome.reason
-    assert len(outcome.looks) <= 4
+    assert len(outcome.measurements) <= 4
     assert max(world.off[-1]) < TOLERANCE
 
 
@@ -225,10 +225,10 @@ def test_an_eye_that_does_not_see_the_target_is_sent_there(
 ) -> None:
     offsets = (45, 0, 3, 2) if blind == "left" else (3, 2, -45, 0)
     outcome = world.begin(moved(GOOD, *offsets), target)
-    assert isinstance(getattr(outcome.looks[0], blind), NotSeen)
-    assert getattr(outcome.looks[0], f"{blind}_offset") == float("inf")
+    assert isinstance(getattr(outcome.measurements[0], blind), NotSeen)
+    assert getattr(outcome.measurements[0], f"{blind}_offset") == float("inf")
     assert outcome.centred, outcome.reason
-    assert len(outcome.looks) <= 3
+    assert len(outcome.measurements) <= 3
     assert max(world.off[-1]) < TOLERANCE
 
 
@@ -246,8 +246,8 @@ def test_a_target_that_is_nowhere_is_a_result(world: World, target: Template) ->
     outcome = world.begin(moved(GOOD, 45.0, 0.0, 45.0, 0.0), target)
     assert not outcome.centred
     assert "in neither eye: target: too few of its" in outcome.reason
-    assert len(outcome.looks) == 1
-    assert outcome.looks[0].next is None
+    assert len(outcome.measurements) == 1
+    assert outcome.measurements[0].next is None
     other = World(seed=7).picture(0, HEAD.poses(GOOD)[0])
     stranger = template(view(other), "stranger", box=(240, 140, 380, 260))
     assert "stranger" in world.begin(GOOD, stranger).reason
@@ -263,22 +263,24 @@ def test_a_unit_that_cannot_look_there_says_so(world: World, target: Template) -
     assert "pan" in outcome.reason
 
 
-def test_it_gives_up_after_so_many_looks(world: World, target: Template) -> None:
-    outcome = world.begin(moved(GOOD, 5.0, 2.0, 4.0, 2.0), target, most_looks=1)
+def test_the_number_of_measurements_is_limited(world: World, target: Template) -> None:
+    outcome = world.begin(moved(GOOD, 5.0, 2.0, 4.0, 2.0), target, max_measurements=1)
     assert not outcome.centred
-    assert len(outcome.looks) == 1
-    assert "after 1 looks still 5" in outcome.reason
-    with pytest.raises(InputError, match="at least one look"):
-        world.begin(GOOD, target, most_looks=0)
+    assert len(outcome.measurements) == 1
+    assert "after 1 measurements still 5" in outcome.reason
+    with pytest.raises(InputError, match="at least one"):
+        world.begin(GOOD, target, max_measurements=0)
 
 
 def test_a_black_eye_is_a_result(world: World, target: Template) -> None:
     left, right, gaze = world.take(GOOD)
-    black = look(HEAD, target, left, np.zeros_like(right), gaze, height=TABLE)
+    black = measure_gaze(HEAD, target, left, np.zeros_like(right), gaze, height=TABLE)
     assert isinstance(black.right, NotSeen)
     assert not black.centred
     assert black.next is not None
-    none = look(HEAD, target, np.full_like(left, 255), np.zeros_like(right), gaze, height=TABLE)
+    none = measure_gaze(
+        HEAD, target, np.full_like(left, 255), np.zeros_like(right), gaze, height=TABLE
+    )
     assert none.next is None
     assert "in neither eye" in none.reason
 
@@ -286,9 +288,9 @@ def test_a_black_eye_is_a_result(world: World, target: Template) -> None:
 def test_images_of_another_size_are_refused(world: World, target: Template) -> None:
     left, right, gaze = world.take(GOOD)
     with pytest.raises(InputError, match=r"right image is 308 x 408, its camera 616 x 408"):
-        look(HEAD, target, left, right[:, :308], gaze, height=TABLE)
+        measure_gaze(HEAD, target, left, right[:, :308], gaze, height=TABLE)
     with pytest.raises(InputError, match="height"):
-        look(HEAD, target, left, right, gaze, height=float("nan"))
-    seen = look(HEAD, target, left, right, gaze, height=TABLE)
+        measure_gaze(HEAD, target, left, right, gaze, height=float("nan"))
+    seen = measure_gaze(HEAD, target, left, right, gaze, height=TABLE)
     assert isinstance(seen.left, Sighting)
     assert seen.left.sharp

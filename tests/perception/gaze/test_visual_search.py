@@ -1,4 +1,4 @@
-"""Known things in a cluttered image: all of them, apart, where they are, and nothing else."""
+"""Visual search in cluttered images: every instance, its pose, and no false detections."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""The epipolar check: small errors of the angles are taken out, large ones refused by name."""
+"""Epipolar check: small angle errors are corrected, large ones refused."""
 
 import dataclasses
 from typing import Any
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import EpipolarError
 from unwrinkle.perception.stereo.epipolar import EpipolarCheck, corrected_rectification
 from unwrinkle.perception.stereo.head import Gaze
 from unwrinkle.perception.stereo.rectification import Rectification, rectify
@@ -62,23 +62,23 @@ def test_steps_of_a_unit_are_taken_out_of_the_rows(seen_towel: Any, tilt: float)
 def test_a_pair_out_of_step_with_its_angles_is_refused(
     seen_towel: Any, angles: dict[str, float]
 ) -> None:
-    with pytest.raises(InputError, match=r"out of step with the head's angles.*pixels apart"):
+    with pytest.raises(EpipolarError, match=r"out of step with the head's angles.*pixels apart"):
         checked(seen_towel, **angles)
 
 
 def test_both_units_off_alike_are_refused(seen_towel: Any) -> None:
     # The rows are then turned against each other, which no error of the units explains.
-    with pytest.raises(InputError, match="out of step"):
+    with pytest.raises(EpipolarError, match="out of step"):
         checked(seen_towel, left_tilt=0.05, right_tilt=0.05)
 
 
 def test_swapped_eyes_are_called_so(seen_towel: Any) -> None:
-    with pytest.raises(InputError, match="swapped"):
+    with pytest.raises(EpipolarError, match="swapped"):
         checked(seen_towel, swap=True)
 
 
 def test_eyes_that_have_nothing_in_common_are_refused(seen_towel: Any) -> None:
     other = np.random.default_rng(0).integers(0, 255, seen_towel.pair.left.shape, dtype=np.uint8)
     pair = dataclasses.replace(seen_towel.pair, right=cv2.GaussianBlur(other, (0, 0), 2.0))
-    with pytest.raises(InputError, match=r"features in common|out of step"):
+    with pytest.raises(EpipolarError, match=r"features in common|out of step"):
         checked(dataclasses.replace(seen_towel, pair=pair))

@@ -1,4 +1,4 @@
-"""The head's kinematics against the Drake model, and gazes that hit what they aim at."""
+"""Kinematics of the head against the Drake model, and aiming."""
 
 import numpy as np
 import pytest

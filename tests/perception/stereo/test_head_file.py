@@ -1,4 +1,4 @@
-"""Calibrations and looks survive their files; what does not fit is refused in one line."""
+"""Files of calibrations and head angles: round trips and refused input."""
 
 import dataclasses
 from datetime import date
@@ -10,10 +10,10 @@ import pytest
 from unwrinkle.models import InputError
 from unwrinkle.perception.stereo.head import Gaze
 from unwrinkle.perception.stereo.head_file import (
+    HeadAngles,
     HeadCalibration,
-    Look,
     load_calibration,
-    load_look,
+    load_head_angles,
     nominal_calibration,
     nominal_head,
 )
@@ -23,12 +23,12 @@ GAZE = Gaze(0.1, -0.2, -0.05, -0.25, 0.3)
 
 def written(folder: Path, calibration: HeadCalibration, day: date = date(2026, 11, 22)) -> Path:
     calibration.save(folder / "calibration.yaml")
-    Look.of(GAZE, nominal_calibration(), "calibration.yaml", day).save(folder / "head.yaml")
+    HeadAngles.of(GAZE, nominal_calibration(), "calibration.yaml", day).save(folder / "head.yaml")
     return folder / "head.yaml"
 
 
 def test_a_look_and_its_calibration_survive_the_files(tmp_path: Path) -> None:
-    look, calibration = load_look(written(tmp_path, nominal_calibration()))
+    look, calibration = load_head_angles(written(tmp_path, nominal_calibration()))
     assert look.gaze == GAZE
     assert calibration == nominal_calibration()
     again, nominal = calibration.stereo_head().poses(GAZE), nominal_head().poses(GAZE)
@@ -39,7 +39,7 @@ def test_a_date_without_quotes_gets_a_hint(tmp_path: Path) -> None:
     path = written(tmp_path, nominal_calibration())
     path.write_text(path.read_text().replace("'", ""))
     with pytest.raises(InputError, match=r"'date' .* put it in quotes"):
-        load_look(path)
+        load_head_angles(path)
 
 
 def test_a_head_goes_into_a_calibration_and_out_again() -> None:
@@ -55,20 +55,20 @@ def test_a_head_goes_into_a_calibration_and_out_again() -> None:
 def test_another_heads_calibration_is_refused(tmp_path: Path) -> None:
     other = dataclasses.replace(nominal_calibration(), head="prague")
     with pytest.raises(InputError, match=r"of head 'clopema', .* calibrates 'prague'"):
-        load_look(written(tmp_path, other))
+        load_head_angles(written(tmp_path, other))
 
 
 def test_a_stale_calibration_is_refused(tmp_path: Path) -> None:
     old = dataclasses.replace(nominal_calibration(), date="2026-01-01", valid_days=180)
     with pytest.raises(InputError, match=r"was 325 days old .* at most 180; calibrate again"):
-        load_look(written(tmp_path, old))
+        load_head_angles(written(tmp_path, old))
 
 
 def test_an_absent_calibration_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path, nominal_calibration())
     (tmp_path / "calibration.yaml").unlink()
     with pytest.raises(InputError, match="no such calibration"):
-        load_look(path)
+        load_head_angles(path)
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_looks_that_say_nonsense(tmp_path: Path, old: str, new: str, message: st
     path = written(tmp_path, nominal_calibration())
     path.write_text(path.read_text().replace(old, new, 1))
     with pytest.raises(InputError, match=message) as caught:
-        load_look(path)
+        load_head_angles(path)
     assert "head.yaml" in str(caught.value)
     assert "\n" not in str(caught.value)
 

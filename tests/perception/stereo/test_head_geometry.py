@@ -1,4 +1,4 @@
-"""A point of the world, seen by both distorted cameras at any gaze, comes back where it was."""
+"""Projection into both distorted cameras and triangulation recover a world point at any gaze."""
 
 import cv2
 import numpy as np

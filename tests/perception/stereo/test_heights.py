@@ -1,4 +1,4 @@
-"""Heights on the grid: exact planes come out exactly, offsets and bands do what they say."""
+"""Heights on the grid: exact planes, disparity offsets and height bands."""
 
 import numpy as np
 import pytest

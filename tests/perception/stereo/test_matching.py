@@ -1,4 +1,4 @@
-"""Disparities of pairs whose truth is known to a hundredth of a pixel, and pairs that have none."""
+"""Matching of pairs with known disparity, and of pairs without any."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -24,7 +24,7 @@ LARGE = (1088, 1408)  # three scales above the finest
 def pair(
     shape: tuple[int, int], field: Field, *, seed: int = 0, contrast: float = 30.0
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float64]]:
-    """A left and a right image of one random texture, and the disparity of the left one's pixels."""
+    """Return left and right image of a random texture, and the left image's disparity."""
     rng = np.random.default_rng(seed)
     h, w = shape
     texture = sum(gaussian_filter(rng.standard_normal(shape), s) * s for s in (0.9, 2.0, 6.0))

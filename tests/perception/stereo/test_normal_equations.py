@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from unwrinkle.perception.stereo._kernels.normal_equations import cell_sums
-from unwrinkle.perception.stereo._kernels.upsample import spread_cells
+from unwrinkle.perception.stereo._kernels.upsample import upsample_cells
 
 
 def b_spline(t: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -28,7 +28,7 @@ def test_sums_are_those_of_the_plain_computation(cell: int) -> None:
     scale = 0.7
     got = cell_sums(left, right, disparity, cell, scale)
     good = np.ones((rows, columns), bool)
-    full, _ = spread_cells(disparity, good, cell, left.shape)
+    full, _ = upsample_cells(disparity, good, cell, left.shape)
     x = np.arange(left.shape[1])
     for y in range(0, left.shape[0], max(1, cell - 1)):
         i = y // cell
@@ -75,7 +75,7 @@ def test_spreading_a_slope_keeps_pixel_centres(cell: int) -> None:
     good = np.ones((rows, columns), bool)
     good[5, 7] = False
     shape = rows * cell - (cell - 1), columns * cell - (cell - 1)
-    full, mask = spread_cells(centres, good, cell, shape)
+    full, mask = upsample_cells(centres, good, cell, shape)
     inner = (slice(cell, -cell), slice(cell, -cell))
     error = np.where(mask, full - slope[: shape[0], : shape[1]], 0.0)
     np.testing.assert_allclose(error[inner], 0.0, atol=1e-4)

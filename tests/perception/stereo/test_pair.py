@@ -1,4 +1,4 @@
-"""Pairs that no range map should be made of are refused with one line each."""
+"""Image pairs: exposure, contrast and size checks."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The plate solver against dense algebra, and what it does at creases."""
+"""Plate fit against dense linear algebra, and its behaviour at creases."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def test_solution_is_that_of_dense_algebra(shape: tuple[int, int]) -> None:
     bending = (matrix - np.diag(weight.ravel())) @ d.ravel()
     expected = np.linalg.solve(matrix, pull.ravel() - bending).reshape(shape)
     arrays = [x.astype(np.float32) for x in (d, weight, pull)]
-    change = Plate(shape).bend(*arrays, stiffness=20.0, crease=0.5, iterations=400)
+    change = Plate(shape).fit(*arrays, stiffness=20.0, crease=0.5, iterations=400)
     np.testing.assert_allclose(change, expected, atol=2e-4 * np.abs(expected).max())
 
 
@@ -51,16 +51,16 @@ def test_memory_is_used_again_without_a_trace() -> None:
     plate = Plate((64, 48))
     inputs = [rng.uniform(0.1, 1.0, (64, 48)).astype(np.float32) for _ in range(3)]
     settings = {"stiffness": 10.0, "crease": 0.3, "iterations": 12}
-    first = plate.bend(*inputs, **settings).copy()
-    plate.bend(*inputs[::-1], **settings)
-    np.testing.assert_array_equal(plate.bend(*inputs, **settings), first)
+    first = plate.fit(*inputs, **settings).copy()
+    plate.fit(*inputs[::-1], **settings)
+    np.testing.assert_array_equal(plate.fit(*inputs, **settings), first)
 
 
 def test_planes_are_not_bent() -> None:
     y, x = np.mgrid[:50, :70].astype(np.float32)
     plane = 0.3 * x - 0.2 * y + 5.0
     nothing = np.zeros_like(plane)
-    change = Plate(plane.shape).bend(
+    change = Plate(plane.shape).fit(
         plane, nothing + 1.0, nothing, stiffness=100.0, crease=0.1, iterations=20
     )
     assert np.abs(change).max() < 1e-3
@@ -73,7 +73,7 @@ def test_noise_goes_and_a_crease_stays() -> None:
     surface = truth + rng.normal(0.0, 0.02, truth.shape).astype(np.float32)
     measured = truth + rng.normal(0.0, 0.3, truth.shape).astype(np.float32)
     weight = np.full_like(truth, 1.0 / 0.3**2)
-    change = Plate(truth.shape).bend(
+    change = Plate(truth.shape).fit(
         surface, weight, weight * (measured - surface), stiffness=300.0, crease=0.3, iterations=60
     )
     error = (surface + change - truth)[4:-4, 4:-4]
@@ -88,7 +88,7 @@ def test_where_nothing_was_measured_the_surface_goes_on() -> None:
     gap = (x > 24) & (x < 32)
     surface = np.where(gap, slope + 0.05, slope).astype(np.float32)
     weight = np.where(gap, 0.0, 50.0).astype(np.float32)
-    change = Plate(slope.shape).bend(
+    change = Plate(slope.shape).fit(
         surface, weight, weight * (slope - surface), stiffness=10.0, crease=1.0, iterations=200
     )
     assert np.abs(surface + change - slope).max() < 0.005

@@ -1,4 +1,4 @@
-"""Pair and angles in, range map on the table out; and what must not come out as a map."""
+"""Range maps of image pairs: accuracy, small angle errors, and refused input."""
 
 import dataclasses
 import dataclasses as dc

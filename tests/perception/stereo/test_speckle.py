@@ -1,9 +1,9 @@
-"""Wisps of chance matches go; the table, and a fold with a step on one side, stay."""
+"""Speckle filter: chance matches are removed; the table and folds with a step remain."""
 
 import numpy as np
 
 from unwrinkle.perception.stereo.matching import Disparity
-from unwrinkle.perception.stereo.speckle import without_islands
+from unwrinkle.perception.stereo.speckle import remove_speckle
 
 
 def table(height: int = 500, width: int = 1300) -> np.ndarray:
@@ -14,7 +14,7 @@ def table(height: int = 500, width: int = 1300) -> np.ndarray:
 def test_a_small_patch_apart_from_all_else_goes() -> None:
     values, valid = table(), np.ones((500, 1300), dtype=bool)
     values[40:60, 100:140] += 60.0
-    found = without_islands(Disparity(values, valid))
+    found = remove_speckle(Disparity(values, valid))
     assert not found.valid[45:55, 105:135].any()
     assert not found.disparity[45:55, 105:135].any()
     kept = np.ones_like(valid)
@@ -27,17 +27,17 @@ def test_a_ridge_joined_by_its_slopes_stays() -> None:
     values, valid = table(), np.ones((500, 1300), dtype=bool)
     columns = np.arange(1300, dtype=np.float32)
     values += 10.0 * np.exp(-0.5 * ((columns - 600.0) / 30.0) ** 2).astype(np.float32)
-    assert without_islands(Disparity(values, valid)).valid.all()
+    assert remove_speckle(Disparity(values, valid)).valid.all()
 
 
 def test_a_large_thing_behind_a_step_stays() -> None:
     values, valid = table(), np.ones((500, 1300), dtype=bool)
     values[100:300, 700:900] += 25.0
-    assert without_islands(Disparity(values, valid)).valid.all()
+    assert remove_speckle(Disparity(values, valid)).valid.all()
 
 
 def test_what_was_not_valid_stays_so() -> None:
     values, valid = table(), np.ones((500, 1300), dtype=bool)
     valid[:, 1000:] = False
-    found = without_islands(Disparity(values, valid))
+    found = remove_speckle(Disparity(values, valid))
     np.testing.assert_array_equal(found.valid, valid)

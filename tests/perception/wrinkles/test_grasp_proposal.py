@@ -27,7 +27,7 @@ SIGMA, HEIGHT = 0.010, 0.020
 
 @cache
 def _surface(angle: float, height: float = HEIGHT) -> Surface:
-    """A sheet with one Gaussian ridge through CENTRE that fades out before the rim; `angle` is across it."""
+    """Return a sheet with one Gaussian ridge through CENTRE; `angle` is the direction across it."""
     half, step = 0.07, PROFILE.resolution
     ticks = np.arange(-half - 0.02, half + 0.02, step)
     x, y = np.meshgrid(ticks, ticks)
@@ -82,7 +82,7 @@ def test_a_point_beside_the_garment_gives_a_reason() -> None:
     assert isinstance(grasp, NoGrasp) and "not on the garment" in grasp.reason
 
 
-def test_a_point_far_down_the_flank_is_not_moved_to_the_crest() -> None:
+def test_a_point_far_down_the_slope_is_not_moved_to_the_crest() -> None:
     surface = _surface(0.4)
     across = np.array([np.cos(0.4), np.sin(0.4)])
     assert abs(float(across_direction(surface, CENTRE) @ across)) > 0.99

@@ -3,8 +3,8 @@ import pytest
 
 from unwrinkle.benchmarks.analysis import angle_between, map_of
 from unwrinkle.perception.sensor import noise_profile
-from unwrinkle.perception.wrinkles.ridges import contour_points, link, ridge_points, sample
-from unwrinkle.perception.wrinkles.surface import fit_surface
+from unwrinkle.perception.wrinkles.ridges import contour_points, link, ridge_points
+from unwrinkle.perception.wrinkles.surface import fit_surface, sample
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
 
 CENTRE = (0.0, -1.1)

@@ -72,7 +72,7 @@ def test_shape_index_is_in_range_and_turns_with_the_sign_of_height(zxx, zxy, zyy
         assert turned == pytest.approx(-index, abs=2e-3)
 
 
-def test_a_sphere_has_the_curvature_of_its_radius_also_on_its_flank():
+def test_a_sphere_has_the_curvature_of_its_radius_also_on_its_side():
     radius, x = 0.05, 0.02
     z = np.sqrt(radius**2 - x**2)
     k_max, k_min = patch(-(radius**2) / z**3, 0.0, -1.0 / z, -x / z, 0.0)
@@ -154,7 +154,7 @@ def test_spread_puts_samples_where_they_belong():
     assert np.abs(height - range_map.height)[core].max() < 0.0012
 
 
-def test_holes_in_the_garment_are_bridged():
+def test_holes_in_the_garment_are_filled():
     towel = Towel(ridges=(Ridge((0.0, -1.1), 0.4, 0.015, 0.012, 0.12),), side=0.24)
     whole = map_of(towel, 0.001, extent=0.3)
     valid = np.random.default_rng(0).random(whole.shape) > 0.3

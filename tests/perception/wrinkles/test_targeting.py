@@ -7,10 +7,10 @@ import pytest
 from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.benchmarks.analysis import flat_map, map_of
 from unwrinkle.models import InputError
+from unwrinkle.models.choices import PullReading
 from unwrinkle.models.table import Table
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.target import (
-    MODES,
     STRETCH_LIMIT,
     STRETCH_MARGIN,
     FlatteningTarget,
@@ -65,7 +65,7 @@ def test_geodesic_distance_is_the_sections_length():
 
 
 def test_each_hand_pulls_the_modes_distance():
-    for mode in MODES:
+    for mode in PullReading:
         analysis = analysed(mode=mode)
         assert analysis.target_for(0).mode == mode
         for hand in analysis.target_for(0).hands:

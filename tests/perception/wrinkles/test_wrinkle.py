@@ -122,7 +122,7 @@ def test_a_roll_at_the_rim_is_no_wrinkle():
 
 
 def xtion_sees(towel, seed):
-    """What an Xtion makes of a towel: blotches, steps of 3 mm, aslant."""
+    """Simulate an Xtion's oblique view of a towel: correlated noise, steps of 3 mm."""
     flat = flat_map("xtion", seed)
     clean = map_of(towel, 0.002, sensor="xtion", noise=0.0, extent=0.6)
     bare = map_of(replace(towel, ridges=()), 0.002, sensor="xtion", noise=0.0, extent=0.6)
@@ -142,7 +142,7 @@ def test_noise_of_an_xtion_neither_widens_nor_flattens():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_an_xtion_is_not_blind_to_a_short_high_fold(seed):
-    """A loop ended as flat with a fold 25 mm high left: its ridge was 55 mm long, of 80 mm wanted."""
+    """Regression: a fold 25 mm high was missed, its ridge being 55 mm long of 80 mm required."""
     angle = 0.3 + 0.7 * seed
     fold = Ridge((0.05, -1.2), angle, 0.025, 0.012, 0.055)
     wrinkle, *others = analyse(

@@ -1,4 +1,4 @@
-"""The cloth solver: grips, sleep, table and floor, repeatability, and what it refuses."""
+"""Cloth solver: grips, sleep, table and floor, repeatability, refused input."""
 
 import dataclasses as dc
 from typing import Any

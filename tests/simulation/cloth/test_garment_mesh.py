@@ -1,4 +1,4 @@
-"""The cloth's mesh: exact at the nodes, smooth between them, as thick as the cloth; and a scene whose item changes."""
+"""Render mesh of a cloth: exact at nodes, smooth between, thickness; changing an item's mesh."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Wrinkled starting states: of the right size, at rest, repeatable, and what is refused."""
+"""Initial states: size, rest, repeatability, refused input."""
 
 from typing import Any
 
@@ -8,10 +8,10 @@ import pytest
 from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.scenario import STARTS as SCENARIO_STARTS
+from unwrinkle.models.scenario import STARTS
 from unwrinkle.simulation.cloth.cloth import Cloth
 from unwrinkle.simulation.cloth.fingers import carry, let_go, take
-from unwrinkle.simulation.cloth.initial_states import STARTS, bunched, dropped, ridge, start_state
+from unwrinkle.simulation.cloth.initial_states import bunched, dropped, ridge, start_state
 from unwrinkle.simulation.cloth.measures import coverage, largest_height, measure, overstretch
 from unwrinkle.simulation.cloth.outlines import outline
 
@@ -26,10 +26,6 @@ def cloth() -> Cloth:
 @pytest.fixture(scope="module")
 def coarse() -> Cloth:
     return Cloth(outline("towel", 32), load_material("terry"), TABLE)
-
-
-def test_the_scenarios_starts_are_known() -> None:
-    assert set(STARTS) == set(SCENARIO_STARTS)
 
 
 def test_a_ridge_takes_up_its_slack_and_stays(cloth: Cloth) -> None:

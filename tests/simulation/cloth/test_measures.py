@@ -1,4 +1,4 @@
-"""Measures of the true shape, on shapes whose answer is known."""
+"""Shape measures on shapes with known values."""
 
 import dataclasses as dc
 import json

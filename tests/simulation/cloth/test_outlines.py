@@ -1,4 +1,4 @@
-"""Outlines: sizes, one piece each, and what is refused."""
+"""Outlines: sizes, connectivity, refused input."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What two blades catch: ridges they stand astride, no flat cloth, nothing that lies as high as what is beside it."""
+"""Pinch grasp: ridges are caught; flat cloth and plateaus are not."""
 
 import dataclasses as dc
 
@@ -28,7 +28,7 @@ def _cloth() -> Cloth:
 
 
 def _raised(cloth: Cloth, height: float, half: float, *, flat_top: float = 0.004) -> ClothState:
-    """The flat cloth with a ridge along y through its middle put up, not settled: a trapezium, `half` its flanks' width."""
+    """Return the flat cloth with a trapezoidal ridge along y, not settled; `half` is a side's width."""
     state = cloth.flat(TABLE.centre)
     positions = state.positions.copy()
     across = np.maximum(np.abs(positions[0] - TABLE.centre[0]) - flat_top, 0.0)

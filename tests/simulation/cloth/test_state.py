@@ -1,4 +1,4 @@
-"""Cloth states: saved bit for bit, and never with NaN in them."""
+"""Cloth states: exact round trips through files, and refused values."""
 
 import dataclasses as dc
 from pathlib import Path

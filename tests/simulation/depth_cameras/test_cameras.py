@@ -1,4 +1,4 @@
-"""The depth cameras' physics on exact depth, and their files."""
+"""Depth camera models on exact depth images, and their files."""
 
 import dataclasses as dc
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Boards in a picture: detectors find their corners where they are, and the right way round."""
+"""Rendered calibration boards: detected corners agree with the known ones."""
 
 import cv2
 import numpy as np

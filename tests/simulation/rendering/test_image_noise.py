@@ -1,4 +1,4 @@
-"""Lens and sensor: places exact under distortion, noise of the stated size, light that falls off."""
+"""Simulated photographs: exact distortion, noise level, vignetting."""
 
 import dataclasses as dc
 

@@ -1,4 +1,4 @@
-"""Meshes: the OBJ says what the arrays say, facets stay on the surface, nonsense is refused."""
+"""Meshes: OBJ contents, accuracy of the facets, refused input."""
 
 import numpy as np
 import pytest

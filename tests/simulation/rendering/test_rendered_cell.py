@@ -1,4 +1,4 @@
-"""The cell through the eyes of its head: the table is seen whole, the robot where it should be."""
+"""Rendered cell from the head: the table is fully visible, the robot at its place."""
 
 import dataclasses as dc
 

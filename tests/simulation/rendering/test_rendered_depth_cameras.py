@@ -7,7 +7,7 @@ from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.perception.depth.range_mapping import range_map_from_capture
-from unwrinkle.perception.depth.table_crop import over_table
+from unwrinkle.perception.depth.table_crop import crop_to_table
 from unwrinkle.perception.wrinkles.analysis import analyse
 from unwrinkle.simulation.depth_cameras.cameras import depth_image, depth_reading, load_depth_camera
 from unwrinkle.simulation.rendering.meshes import towel_mesh
@@ -29,7 +29,7 @@ def scene(cell: Cell) -> Renderer:
 
 
 def _cropped(cell: Cell, capture: Capture) -> Capture:
-    return over_table(capture, cell.table)
+    return crop_to_table(capture, cell.table)
 
 
 @pytest.mark.slow

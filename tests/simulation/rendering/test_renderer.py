@@ -1,4 +1,4 @@
-"""The renderer: exact places (half a pixel!), exact depth, the table seen, things that move."""
+"""Renderer: exact pixel positions and depth, table, moving items."""
 
 import dataclasses as dc
 
@@ -77,7 +77,7 @@ def test_depth_back_projects_to_the_surface_within_microns(wavy: Renderer) -> No
 
 @pytest.mark.parametrize("shift", [(-0.5, -0.5), (0.5, 0.0), (0.0, 0.5)])
 def test_half_a_pixel_would_show(wavy: Renderer, shift: tuple[float, float]) -> None:
-    """What the test above would see if the rule were another one."""
+    """Shows that the test above detects another pixel convention."""
     wrong = dc.replace(CAMERA, cx=CAMERA.cx + shift[0], cy=CAMERA.cy + shift[1])
     error = _height_error(wavy, CAMERA, wrong)
     assert np.sqrt(np.mean(error**2)) > 3e-5
@@ -110,7 +110,7 @@ def test_quality_averages_a_picture_twice_as_large(
     monkeypatch: pytest.MonkeyPatch, in_parts: bool
 ) -> None:
     """Also where it is drawn in parts: their seams and offsets do not show."""
-    monkeypatch.setattr(rendering, "_MOST_DRAWN", 10_000 if in_parts else 10_000_000)
+    monkeypatch.setattr(rendering, "_MAX_PIXELS", 10_000 if in_parts else 10_000_000)
     X_WM = np.eye(4)
     X_WM[:3, 3] = (0.0, -1.1, 0.71)
     renderer = Renderer(TABLE, [rectangle_mesh("r", (0.2, 0.2), cloth("terry", (0.2, 0.2)), X_WM)])

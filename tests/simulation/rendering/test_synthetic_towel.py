@@ -1,4 +1,4 @@
-"""The generator: analytic ridges, a capture that shows them, the shipped file from its seed."""
+"""Synthetic towel: analytic ridges, captures, and the shipped file."""
 
 import numpy as np
 import pytest

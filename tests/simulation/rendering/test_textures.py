@@ -1,4 +1,4 @@
-"""Textures: of the contrast asked for, the same from the same seed, whole through PNG."""
+"""Textures: contrast, repeatability, lossless PNG."""
 
 import cv2
 import numpy as np

@@ -11,7 +11,7 @@ from unwrinkle import cli
 from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.commands.render import truth_of
 from unwrinkle.perception.range_map import RangeMap
-from unwrinkle.perception.stereo.head_file import load_look
+from unwrinkle.perception.stereo.head_file import load_head_angles
 from unwrinkle.perception.stereo.pair import load_pair
 from unwrinkle.perception.stereo.range_mapping import range_map_from_pair
 from unwrinkle.simulation.rendering.synthetic_towel import wrinkled_towel
@@ -50,7 +50,7 @@ def test_pair_is_measured_as_its_truth_says(
     assert str(tmp_path) not in (out / "head.yaml").read_text()
     pair = load_pair(out / "left.png", out / "right.png")
     assert pair.left.shape == (816, 1232, 3)
-    look, calibration = load_look(out / "head.yaml")
+    look, calibration = load_head_angles(out / "head.yaml")
     head = calibration.stereo_head()
     for angle in (*look.gaze.left, *look.gaze.right):
         assert angle / head.left.unit.step == pytest.approx(round(angle / head.left.unit.step))

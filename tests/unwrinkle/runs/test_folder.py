@@ -15,7 +15,7 @@ from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.stereo.head import Gaze
-from unwrinkle.perception.stereo.head_file import load_look
+from unwrinkle.perception.stereo.head_file import load_head_angles
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification.verdict import Verdict
 from unwrinkle.runs.folder import (
@@ -191,7 +191,7 @@ def test_a_look_is_read_as_it_was_written(
     read = RunFolder.open(run.path).look(0)
     np.testing.assert_array_equal(read.left_picture(), rng_picture)
     np.testing.assert_array_equal(read.right_picture(), rng_picture[::-1])
-    assert load_look(read.path / "head.yaml")[0].gaze == gaze
+    assert load_head_angles(read.path / "head.yaml")[0].gaze == gaze
     np.testing.assert_array_equal(read.range_map().height, _range_map().height)
     assert read.plan().content_hash == plan.content_hash
     assert read.verdict()["passed"] is True
