@@ -1,11 +1,11 @@
 """What may not be: feedback too old or impossible, an axis off its path, a robot that may not move, a driver that is late."""
 
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 
 from unwrinkle.hardware.controller.feedback import interval
+from unwrinkle.hardware.controller.finding import FaultCause, Finding
 from unwrinkle.hardware.controller_state import JointFeedback, RobotStatus
 from unwrinkle.hardware.streaming.stream import GROUP_AXES, PointStream, most_lag
 from unwrinkle.models.arrays import Array
@@ -33,21 +33,6 @@ _STILL = 1e-3
 _LAG_APART, _LAG_SHOWS = 0.02, 2e-3
 #: Share of a new lag in the one that is told.
 _LAG_SHARE = 0.2
-
-
-@dataclass(frozen=True)
-class Finding:
-    """What is wrong.
-
-    Attributes:
-        kind: one word.
-        text: a sentence for the user.
-        brake: whether the robot can still brake along its path; else it is stopped at once.
-    """
-
-    kind: str
-    text: str
-    brake: bool = False
 
 
 class Monitor:
@@ -83,7 +68,7 @@ class Monitor:
         """Judge the time since the poll before, s."""
         if not gap >= 0.0:
             return Finding(
-                "clock", f"the host's clock went back by {-gap:.3f} s; use a monotonic one"
+                FaultCause.CLOCK, f"the host's clock went back by {-gap:.3f} s; use a monotonic one"
             )
         if not gap > self._site.late:
             return None
@@ -91,7 +76,7 @@ class Monitor:
         if not streaming or self.late <= self._site.late_budget:
             return None
         return Finding(
-            "late",
+            FaultCause.LATE,
             f"the driver was polled late {self.late} times (by more than {1e3 * self._site.late:.0f} ms), at most "
             f"{self._site.late_budget}; is this machine too busy?",
             brake=True,
@@ -102,14 +87,14 @@ class Monitor:
         q = feedback.positions
         if not np.isfinite(q).all():
             axis = AXIS_NAMES[int(np.argmin(np.isfinite(q)))]
-            return Finding("feedback", f"feedback of {axis} is not a finite number")
+            return Finding(FaultCause.FEEDBACK, f"feedback of {axis} is not a finite number")
         beyond = np.maximum(q - self._limits.upper, self._limits.lower - q)
         axis_index = int(beyond.argmax())
         if beyond[axis_index] > BEYOND:
             low, high = self._limits.lower[axis_index], self._limits.upper[axis_index]
             hint = "; are these degrees?" if np.abs(q).max() > 4.0 else ""
             return Finding(
-                "feedback",
+                FaultCause.FEEDBACK,
                 f"feedback says {AXIS_NAMES[axis_index]} stands at {q[axis_index]:.4f} rad, its limits are "
                 f"{low:.4f} and {high:.4f} rad{hint}",
             )
@@ -125,7 +110,7 @@ class Monitor:
             degrees = (np.abs(np.radians(q) - last.positions) <= room).all()
             hint = "are these degrees?" if degrees else "check its encoder"
             return Finding(
-                "jump",
+                FaultCause.JUMP,
                 f"feedback of {AXIS_NAMES[axis_index]} jumped by {moved:.4f} rad in {1e3 * step:.0f} ms, at most "
                 f"{room[axis_index]:.4f} rad is possible; {hint}",
             )
@@ -164,7 +149,7 @@ class Monitor:
                 f"; a lag of {1e3 * lags[fits]:.0f} ms would fit: if that is the controller's own, "
                 "set controller.latency above it"
             )
-        return Finding("following", text)
+        return Finding(FaultCause.FOLLOWING, text)
 
     @staticmethod
     def _errors(off: Array, best: int) -> Array:
@@ -206,13 +191,13 @@ class Monitor:
         if status is None:
             return None
         if status.problem:
-            return Finding("robot", status.problem)
+            return Finding(FaultCause.ROBOT, status.problem)
         if moving and status.drives_powered == 0:
             text = "the servos are off: was remote turned off, or a safety circuit opened?"
-            return Finding("robot", text)
+            return Finding(FaultCause.ROBOT, text)
         if moving and status.motion_possible == 0:
             return Finding(
-                "robot",
+                FaultCause.ROBOT,
                 "the controller says that motion is not possible any more: hold pressed, remote off, or its job ended?",
             )
         return None

@@ -40,15 +40,17 @@ from unwrinkle.models.site import GROUPS
 from unwrinkle.simulation.controllers.audit import Audit, AuditLimits
 from unwrinkle.simulation.controllers.group import LONGEST, Axes, ControlGroup
 from unwrinkle.simulation.controllers.io import InputsAndOutputs
-from unwrinkle.simulation.controllers.pendant import PLAY, TEACH, Pendant
+from unwrinkle.simulation.controllers.pendant import Pendant, PendantMode
 from unwrinkle.simulation.controllers.reads import Unread
-from unwrinkle.simulation.controllers.settings import AcceptedPoint, VirtualControllerSettings
+from unwrinkle.simulation.controllers.settings import (
+    AcceptedPoint,
+    Firmware,
+    VirtualControllerSettings,
+)
 
 __all__ = [
     "AXES",
     "GROUP_AXES",
-    "PLAY",
-    "TEACH",
     "AcceptedPoint",
     "VirtualController",
     "VirtualControllerSettings",
@@ -60,7 +62,7 @@ AXES = 13
 GROUP_AXES = (tuple(range(1, 7)), tuple(range(7, 13)), (0,))
 
 
-class VirtualController(Pendant):
+class VirtualController:
     """The controller.
 
     Attributes:
@@ -71,7 +73,7 @@ class VirtualController(Pendant):
         trace: clock, positions (13,) and velocities (13,) as commanded, of each period.
         points: trajectory points accepted so far, by all groups.
         audit: rules that a client has broken, whether the firmware minds or not.
-        mode, remote, e_stop, hold, alarm, servo, trajectory_mode: see `Pendant`.
+        pendant: its switches, servos and trajectory mode.
     """
 
     def __init__(
@@ -101,7 +103,7 @@ class VirtualController(Pendant):
         ):
             if array.shape != (AXES,) or not np.isfinite(array).all():
                 raise InputError(f"virtual controller: {name} needs {AXES} finite numbers")
-        super().__init__(keeps_queue=settings.firmware == "2013")
+        self.pendant = Pendant(self.stop, keeps_queue=settings.firmware == Firmware.OF_2013)
         self.settings = settings
         pulses = np.array(settings.pulses_per_radian)
         self._tolerance = settings.start_pulses / np.concatenate([pulses, pulses[1:]])
@@ -220,13 +222,13 @@ class VirtualController(Pendant):
     def _status(self, measured: Array) -> RobotStatusBody:
         off = np.abs(measured - self.positions) > self._tolerance
         return RobotStatusBody(
-            drives_powered=int(self.servo),
-            e_stopped=int(self.e_stop),
-            error_code=self.alarm,
-            in_error=int(self.alarm != 0),
+            drives_powered=int(self.pendant.servo),
+            e_stopped=int(self.pendant.e_stop),
+            error_code=self.pendant.alarm,
+            in_error=int(self.pendant.alarm != 0),
             in_motion=int(any(self.queued) or bool(off.any())),
-            mode=1 if self.mode == TEACH else 2,
-            motion_possible=int(not self.not_ready),
+            mode=1 if self.pendant.mode == PendantMode.TEACH else 2,
+            motion_possible=int(not self.pendant.not_ready),
         )
 
     @staticmethod
@@ -262,7 +264,7 @@ class VirtualController(Pendant):
         """Move on by one interpolation period."""
         self._ticks += 1
         self._start_up()
-        playing = self.playing and not self.not_ready
+        playing = self.playing and not self.pendant.not_ready
         for group in self._groups:
             if not self.playing:
                 group.forget()
@@ -341,7 +343,7 @@ class VirtualController(Pendant):
         self, points: tuple[GroupPoint, ...], sequence: int, several: bool = False
     ) -> tuple[int, int, int]:
         """Take points of one sequence number, in order; the group that the reply names, result and subcode."""
-        if subcode := self.not_ready:
+        if subcode := self.pendant.not_ready:
             return points[-1].group, Result.NOT_READY, subcode
         for point in points:
             if not 0 <= point.group < len(self._groups):
@@ -386,9 +388,9 @@ class VirtualController(Pendant):
             return self._start(asked)
         result, subcode = Result.SUCCESS, 0
         if asked.command == Command.CHECK_MOTION_READY:
-            subcode = self.not_ready
+            subcode = self.pendant.not_ready
             result = Result.FAILURE if subcode else Result.SUCCESS
-            if self.settings.firmware == "2013":
+            if self.settings.firmware == Firmware.OF_2013:
                 subcode = 0  # which does not say why
         elif asked.command == Command.CHECK_QUEUE_COUNT:
             known = 0 <= asked.group < len(self._groups)
@@ -402,19 +404,22 @@ class VirtualController(Pendant):
             self.stop()
             self.audit.stopped()
         elif asked.command == Command.START_SERVOS:
-            result = Result.FAILURE if self.not_startable else Result.SUCCESS
-            self.servo = self.servo or not self.not_startable
+            result = Result.FAILURE if self.pendant.not_startable else Result.SUCCESS
+            self.pendant.servo = self.pendant.servo or not self.pendant.not_startable
         elif asked.command == Command.STOP_SERVOS:
-            self.switch_servo_off()
+            self.pendant.switch_servo_off()
         elif asked.command == Command.RESET_ALARM:
-            result = Result.SUCCESS if self.reset_alarm() else Result.FAILURE
+            result = Result.SUCCESS if self.pendant.reset_alarm() else Result.FAILURE
         elif asked.command in (Command.STOP_TRAJ_MODE, Command.DISCONNECT):
             if any(self.queued):
                 result = Result.FAILURE
             else:
-                self.trajectory_mode = False
+                self.pendant.trajectory_mode = False
                 self.stop()
-                if asked.command == Command.DISCONNECT and self.settings.firmware != "2013":
+                if (
+                    asked.command == Command.DISCONNECT
+                    and self.settings.firmware != Firmware.OF_2013
+                ):
                     return []
         else:  # its switch has no other case: the reply before is sent once more
             return [] if self._previous is None else [self._previous]
@@ -423,17 +428,19 @@ class VirtualController(Pendant):
     def _start(self, asked: MotionControl) -> list[Message]:
         """Begin to start trajectory mode, unless it is on or cannot be."""
         answer = asked.group, asked.sequence, asked.command
-        if not self.not_ready:
+        if not self.pendant.not_ready:
             return self._said(_reply(*answer, Result.SUCCESS))
-        if not (self.e_stop or self.hold or not self.remote):  # which an operator has to end first
-            self.reset_alarm()
-        if self.not_startable:
-            return self._said(_reply(*answer, Result.NOT_READY, self.not_ready))
+        if not (
+            self.pendant.e_stop or self.pendant.hold or not self.pendant.remote
+        ):  # which an operator has to end first
+            self.pendant.reset_alarm()
+        if self.pendant.not_startable:
+            return self._said(_reply(*answer, Result.NOT_READY, self.pendant.not_ready))
         if self._starting is None:
             self.stop()
             for group in self._groups:
                 group.rebase()
-            servos = 0.0 if self.servo else self.settings.servo_time
+            servos = 0.0 if self.pendant.servo else self.settings.servo_time
             self._starting = asked, self.time + servos + self.settings.job_time
         return []
 
@@ -443,14 +450,14 @@ class VirtualController(Pendant):
             return
         asked, end = self._starting
         answer = asked.group, asked.sequence, asked.command
-        if self.not_startable:
-            self._late += self._said(_reply(*answer, Result.NOT_READY, self.not_ready))
+        if self.pendant.not_startable:
+            self._late += self._said(_reply(*answer, Result.NOT_READY, self.pendant.not_ready))
             self._starting = None
             return
-        if not self.servo and self.time >= end - self.settings.job_time:
-            self.servo = True
+        if not self.pendant.servo and self.time >= end - self.settings.job_time:
+            self.pendant.servo = True
         if self.time >= end:
-            self.trajectory_mode = True
+            self.pendant.trajectory_mode = True
             self._late += self._said(_reply(*answer, Result.SUCCESS))
             self._starting = None
 
@@ -490,5 +497,5 @@ def _unread(unread: Unread, firmware: str) -> Message:
         else value
         for place, value in zip(places, (0, 0, head.type), strict=True)
     )
-    group = group if firmware == "2013" else 0
+    group = group if firmware == Firmware.OF_2013 else 0
     return _reply(group, sequence, command, Result.INVALID, unread.subcode)

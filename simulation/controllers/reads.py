@@ -4,6 +4,7 @@ import struct
 from dataclasses import dataclass
 
 from unwrinkle.hardware.motoros.wire import Message, MessageType, Subcode
+from unwrinkle.simulation.controllers.settings import Firmware
 
 _HEADER = struct.Struct("<4i")
 _SIZES = {
@@ -57,7 +58,7 @@ def read_messages(data: bytes, firmware: str) -> list[Message | Unread]:
     while data:
         head = _head(data)
         size = _size(data, head) if len(data) >= _HEADER.size else None
-        if firmware == "2013":
+        if firmware == Firmware.OF_2013:
             known = size is not None and head.type in _OLD
             whole = known and len(data) == size
             found.append(_message(data, head, len(data)) if whole else Unread(head, 0, "size"))

@@ -31,6 +31,7 @@ from unwrinkle.simulation.controllers.faults.replies import (
     with_wrong_sequence,
 )
 from unwrinkle.simulation.controllers.reads import Unread, read_messages
+from unwrinkle.simulation.controllers.settings import Firmware
 
 __all__ = ["KINDS", "ControllerServer", "ServerFault"]
 
@@ -38,7 +39,7 @@ __all__ = ["KINDS", "ControllerServer", "ServerFault"]
 MOTION, STATE, IO = "motion", "state", "io"
 _MOST_CONNECTIONS = {MOTION: 1, STATE: 4, IO: 1}
 #: Bytes that one read brings at most: the room for one message of each firmware.
-_MOST_READ = {"1.9.12": 552, "2013": 152}
+_MOST_READ = {Firmware.MOTOROS_1_9_12: 552, Firmware.OF_2013: 152}
 #: Reads of one connection in one poll.
 _MOST_READS = 32
 #: After a gap in its polls the controller makes up so much, s.
@@ -83,7 +84,7 @@ class ControllerServer:
         self.events: deque[tuple[float, str]] = deque(maxlen=1000)
         self._faults = Faults(faults)
         self._feedback = FeedbackFaults(self._faults)
-        self._most_read = _MOST_READ[controller.settings.firmware]
+        self._most_read = _MOST_READ[Firmware(controller.settings.firmware)]
         self._random = np.random.default_rng(0)
         self._tiny = any(fault.kind == "tiny_buffers" for fault in faults)
         self._listeners: dict[str, socket.socket] = {}
@@ -217,7 +218,9 @@ class ControllerServer:
             link = TcpLink(accepted, f"{name} client {address[0]}:{address[1]}")
             connections = self._connections[name]
             full = len(connections) >= _MOST_CONNECTIONS[name]
-            newer = self.controller.settings.firmware != "2013"  # which keeps the older one
+            newer = (
+                self.controller.settings.firmware != Firmware.OF_2013
+            )  # which keeps the older one
             if full and newer and not any(self.controller.queued):
                 connections[0].link.close(f"replaced by another {name} connection")
                 self._forget_closed(name)
@@ -382,16 +385,16 @@ class ControllerServer:
         begun, ended = self._faults.update(self._now, controller.points)
         for fault in begun:
             self._tell(f"fault {fault.kind} begins: {KINDS[fault.kind]}")
-            begin_on_pendant(controller, fault)
+            begin_on_pendant(controller.pendant, fault)
             if fault.kind == "e_stop_released":
                 self._release = self._now + fault.value
             self._close_for(fault)
         for fault in ended:
             self._tell(f"fault {fault.kind} ends")
-            end_on_pendant(controller, fault)
+            end_on_pendant(controller.pendant, fault)
         if self._now >= self._release:
             self._release = float("inf")
-            controller.release_e_stop()
+            controller.pendant.release_e_stop()
             self._tell("the emergency stop is released")
 
     def _close_for(self, fault: ServerFault) -> None:

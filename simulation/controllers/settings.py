@@ -1,13 +1,18 @@
 """What differs between virtual controllers, and what one remembers."""
 
 from dataclasses import dataclass
+from enum import StrEnum
 from math import isfinite
 
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.site import GROUPS, PULSES_PER_RADIAN, ControllerSite
 
-#: Versions of MotoROS whose behaviour is known.
-FIRMWARE = ("1.9.12", "2013")
+
+class Firmware(StrEnum):
+    """Versions of MotoROS that the virtual controller imitates."""
+
+    MOTOROS_1_9_12 = "1.9.12"
+    OF_2013 = "2013"
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,7 @@ class VirtualControllerSettings:
         keep: messages, points and periods that are remembered, each.
     """
 
-    firmware: str = "1.9.12"
+    firmware: str = Firmware.MOTOROS_1_9_12
     period: float = 0.004
     delay: float = 0.15
     depth: int = 200
@@ -59,9 +64,9 @@ class VirtualControllerSettings:
 
     def __post_init__(self) -> None:
         """Refuse settings that no controller has."""
-        if self.firmware not in FIRMWARE:
+        if self.firmware not in set(Firmware):
             raise InputError(
-                f"virtual controller: firmware '{self.firmware}'; {' or '.join(FIRMWARE)}"
+                f"virtual controller: firmware '{self.firmware}'; {' or '.join(Firmware)}"
             )
         if self.accepts not in ("groups", "ex", "both"):
             raise InputError(f"virtual controller: accepts '{self.accepts}'; groups, ex or both")

@@ -21,7 +21,7 @@ from unwrinkle.hardware.motoros.wire import (
     WriteIoReply,
 )
 from unwrinkle.simulation.controllers.faults.kinds import Faults, ServerFault
-from unwrinkle.simulation.controllers.pendant import PLAY, TEACH, Pendant
+from unwrinkle.simulation.controllers.pendant import Pendant, PendantMode
 
 _NETWORK_INPUTS = (25010, 27567)
 
@@ -87,7 +87,7 @@ def with_wrong_sequence(reply: Message) -> Message:
 _BEGIN: dict[str, Callable[[Pendant, ServerFault], None]] = {
     "e_stop": lambda pendant, _: pendant.press_e_stop(),
     "e_stop_released": lambda pendant, _: pendant.press_e_stop(),
-    "teach": lambda pendant, _: pendant.set_mode(TEACH),
+    "teach": lambda pendant, _: pendant.set_mode(PendantMode.TEACH),
     "remote_off": lambda pendant, _: pendant.set_remote(False),
     "servo_off": lambda pendant, _: pendant.switch_servo_off(),
     "alarm": lambda pendant, fault: pendant.raise_alarm(int(fault.value) or 4000, lasting=True),
@@ -95,7 +95,7 @@ _BEGIN: dict[str, Callable[[Pendant, ServerFault], None]] = {
 }
 _END: dict[str, Callable[[Pendant], None]] = {
     "e_stop": lambda pendant: pendant.release_e_stop(),
-    "teach": lambda pendant: pendant.set_mode(PLAY),
+    "teach": lambda pendant: pendant.set_mode(PendantMode.PLAY),
     "remote_off": lambda pendant: pendant.set_remote(True),
     "alarm": lambda pendant: pendant.clear_alarm(),
     "hold": lambda pendant: pendant.release_hold(),

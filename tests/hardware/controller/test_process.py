@@ -191,9 +191,9 @@ def test_a_program_that_dies_leaves_a_robot_that_braked_and_was_left_cleanly(
         program.send_signal(number)
         program.wait(5.0)
     end = time.monotonic() + 10.0
-    while robot.controller.trajectory_mode and time.monotonic() < end:
+    while robot.controller.pendant.trajectory_mode and time.monotonic() < end:
         time.sleep(0.02)
-    assert not robot.controller.trajectory_mode and robot.rests()
+    assert not robot.controller.pendant.trajectory_mode and robot.rests()
     assert robot.controller.underruns == 0  # it braked along the path
     assert 0.05 < robot.controller.positions[8] < 0.45
 
