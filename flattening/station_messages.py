@@ -35,12 +35,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.motion_mode import MotionMode
 from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.perception.stereo.head import Gaze
 from unwrinkle.planning.trajectory import Trajectory
 
 #: What the controller does.
-IDLE, RUNNING, HOLDING, FAULT = "idle", "running", "holding", "fault"
+IDLE, RUNNING, HOLDING, FAULT = MotionMode
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,21 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from unwrinkle.hardware.streaming.rate_change import RateChange, RateState, plausible
-from unwrinkle.hardware.streaming.sent_cubics import (
-    CubicPath,
-    StreamLimits,
-    ceil_ms,
-    extremes,
-)
+from unwrinkle.hardware.streaming.sent_cubics import CubicPath, StreamLimits, ceil_ms
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.planning.sent_samples import as_float32, whole_millisecond
-from unwrinkle.planning.trajectory import Trajectory
+from unwrinkle.planning.trajectory import Trajectory, rate_extremes
 
-__all__ = ["PathClock", "Sample", "StreamLimits", "extremes"]
-
-
-_AT_REST = 1e-6  # velocity at a trajectory's ends, rad/s
 _ROUNDING = 1e-9  # s
 #: Times of a change of rate that are tried, s.
 _TIMES = np.unique(np.round(np.geomspace(0.06, 6.0, 45), 3))
@@ -88,13 +79,13 @@ class PathClock:
         Raises:
             InputError: the trajectory does not start and end at rest, or the rate is none.
         """
-        if max(np.abs(trajectory.velocities[[0, -1]]).max(axis=1)) > _AT_REST:
+        if not trajectory.rests_at_ends:
             raise InputError(
                 "the trajectory does not start and end at rest; plan it from rest to rest"
             )
         self.trajectory = trajectory
         self._path = CubicPath(trajectory)
-        own = extremes(trajectory.times, trajectory.positions, trajectory.velocities)
+        own = rate_extremes(trajectory.times, trajectory.positions, trajectory.velocities)
         self._limits = limits.widened(own)
         self._step = step
         self._wide = min(max(2.0 * step, float(np.median(np.diff(trajectory.times)))), longest)
@@ -233,7 +224,7 @@ class PathClock:
         if when > time + _ROUNDING:
             return None
         self._state = RateState(when, s, rate, 0.0, 0.0)
-        q, slope = self._path.knot(knot) if s == self._path.knots[knot] else self._path.at(s)
+        q, slope = self._path.knot(knot) if s == self._path.knots[knot] else self._path.curve.at(s)
         return Sample(when, as_float32(q), as_float32(slope * rate), s, rate)
 
     # Changing the rate
@@ -279,7 +270,7 @@ class PathClock:
         times = np.concatenate([[self.last.time], change.times])
         positions = np.vstack([self.last.positions, change.positions])
         velocities = np.vstack([self.last.velocities, change.velocities])
-        return self._limits.keeps(extremes(times, positions, velocities))
+        return self._limits.keeps(rate_extremes(times, positions, velocities))
 
 
 def _checked(rate: float) -> float:

@@ -99,7 +99,7 @@ class RateChange:
         e = d[1:] * np.arange(1.0, len(d))
         slopes = np.where(moving, _value(d, x) / duration, 0.0)
         bends = np.where(moving, _value(e, x) / duration**2, 0.0)
-        positions, velocities = path.at(s)
+        positions, velocities = path.curve.at(s)
         velocities *= rates[:, None]
         if ends[-1]:  # the path's own end is rest
             positions[-1], velocities[-1] = path.knot(len(path.knots) - 1)
@@ -125,7 +125,7 @@ def plausible(
     ok = (rate.min(axis=1) >= -_ROUNDING) & (rate.max(axis=1) <= 1.0 + _ROUNDING)
     inside = s < path.end
     r, f, g = (np.where(inside, a, 0.0)[..., None] for a in (rate, slope, bend))
-    q1, q2, q3 = path.derivatives(np.minimum(s, path.end))
+    q1, q2, q3 = path.curve.derivatives(np.minimum(s, path.end))
     for value, most in (
         (q1 * r, limits.velocity),
         (q2 * r**2 + q1 * f, limits.acceleration),

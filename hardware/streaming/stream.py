@@ -20,6 +20,7 @@ from unwrinkle.hardware.motoros.wire import (
 from unwrinkle.hardware.streaming.path_clock import PathClock, Sample
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.site import ControllerSite
+from unwrinkle.planning.trajectory import hermite_positions
 
 #: Takes down a point that is sent: now, sequence, time, positions, velocities.
 Recorder: TypeAlias = Callable[[float, int, float, Array, Array], None]
@@ -131,15 +132,7 @@ class PointStream:
         t = np.clip(times, knots[0], knots[-1])
         if len(knots) == 1:
             return np.tile(q[0], (len(t), 1))
-        i = np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(knots) - 2)
-        h = (knots[i + 1] - knots[i])[:, None]
-        x = (t - knots[i])[:, None] / h
-        value: Array = (
-            q[i] * (1.0 + 2.0 * x) * (1.0 - x) ** 2
-            + q[i + 1] * x**2 * (3.0 - 2.0 * x)
-            + h * x * (1.0 - x) * (v[i] * (1.0 - x) - v[i + 1] * x)
-        )
-        return value
+        return hermite_positions(knots, q, v, t)
 
     def commanded_to(self, times: Array) -> Array:
         """The same, where each group began as much later as it was started later."""

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from unwrinkle.hardware.motoros.link import TcpLink
 from unwrinkle.hardware.motoros.wire import Command
 from unwrinkle.hardware.run_log.protocol import NoLog
-from unwrinkle.hardware.streaming.sent_cubics import StreamLimits, extremes
-from unwrinkle.planning.trajectory import Trajectory
+from unwrinkle.hardware.streaming.sent_cubics import StreamLimits
+from unwrinkle.planning.trajectory import Trajectory, rate_extremes
 from unwrinkle.simulation.controllers.server import ServerFault
 
 pytestmark = pytest.mark.alone
@@ -353,8 +353,8 @@ def test_limits_are_kept_through_random_commands(
     assert rig.controller.underruns == 0
     assert np.abs(rig.controller.positions - trajectory.positions[-1]).max() < 1e-6
     times, positions, velocities = (np.array(values) for values in zip(*log.points, strict=True))
-    own = extremes(trajectory.times, trajectory.positions, trajectory.velocities)
-    assert stream_limits.widened(own).keeps(extremes(times, positions, velocities))
+    own = rate_extremes(trajectory.times, trajectory.positions, trajectory.velocities)
+    assert stream_limits.widened(own).keeps(rate_extremes(times, positions, velocities))
 
 
 @pytest.mark.parametrize("before", [0.25, 0.12, 0.0, -0.1])
