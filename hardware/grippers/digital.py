@@ -1,14 +1,14 @@
-"""Grippers on the controller's digital outputs and inputs."""
+"""Grippers on the robot controller's digital outputs and inputs."""
 
 from unwrinkle.hardware.grippers.base import READ_PERIOD, SIDES, DigitalIo, GripperPair
 from unwrinkle.models.site import GripperSite
 
 
 class DigitalGrippers(GripperPair):
-    """Grippers on the controller's digital outputs, with what inputs the site has to tell their state."""
+    """Grippers on the controller's digital outputs, with the site's inputs for their sensors."""
 
     def __init__(self, site: GripperSite, io: DigitalIo) -> None:
-        """Use a driver's inputs and outputs; nothing is sent before a command."""
+        """Use a driver's inputs and outputs; only inputs are read before a command."""
         super().__init__(site)
         self._io = io
         self._inputs = [a for a in (*site.closed_input, *site.holding_input) if a]
@@ -16,7 +16,7 @@ class DigitalGrippers(GripperPair):
         self._taken: list[bool | None] = [None, None]
 
     def close(self) -> None:
-        """End; the outputs stay as they are."""
+        """Do nothing; the outputs stay as they are."""
 
     def _listen(self, now: float) -> None:
         for index in range(2):
@@ -39,7 +39,7 @@ class DigitalGrippers(GripperPair):
             int(closed != self._site.inverted[index]),
         )
         if self._io.outputs_written.get(output) != value:
-            why = getattr(self._io, "io_problem", "") or "it has not answered"
+            why = self._io.io_problem or "it has not answered"
             return (
                 f"the controller has not set output {output} for the {side} gripper ({why}); check the "
                 "site's close_output and the I/O connection"

@@ -78,7 +78,7 @@ class TcpLink:
         self._waiting += data
         self.flush()
         if len(self._waiting) > MOST_WAITING:
-            self.close(f"{self.name} does not read: {len(self._waiting)} bytes wait")
+            self.close(f"does not read: {len(self._waiting)} bytes wait")
 
     def flush(self) -> None:
         """Send as many queued bytes as possible."""
@@ -87,7 +87,7 @@ class TcpLink:
                 count = self._socket.send(self._waiting)
             except OSError as error:
                 if error.errno not in _NOT_READY:
-                    self.close(f"{self.name}: {error.strerror or error}")
+                    self.close(error.strerror or str(error))
                 return
             self.sent += count
             del self._waiting[:count]
@@ -100,10 +100,10 @@ class TcpLink:
             data = self._socket.recv(most)
         except OSError as error:
             if error.errno not in _NOT_READY:
-                self.close(f"{self.name}: {error.strerror or error}")
+                self.close(error.strerror or str(error))
             return b""
         if not data:
-            self.close(f"{self.name} has closed the connection")
+            self.close("closed by the peer")
         self.received += len(data)
         return data
 

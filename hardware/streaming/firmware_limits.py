@@ -1,4 +1,4 @@
-"""What the controller's firmware would take and not carry out, or refuse in the midst of a motion."""
+"""Limits of the controller's firmware: groups that it does not move, and its speed governor."""
 
 from collections.abc import Sequence
 
@@ -8,12 +8,12 @@ from unwrinkle.hardware.streaming.stream import GROUP_AXES
 from unwrinkle.models.arrays import Array
 from unwrinkle.planning.trajectory import Trajectory
 
-#: A group that moves by no more rests, rad.
+#: Largest motion of a group at rest, rad.
 STILL = 1e-6
 
 
 def unmoved_group(trajectories: Sequence[Trajectory], moved: Sequence[str]) -> str:
-    """Say which control group trajectories move although the firmware does not; empty if there is none.
+    """Return which control group trajectories move although the firmware does not; empty if there is none.
 
     Args:
         trajectories: of all axes, one or more, run one after the other.
@@ -36,7 +36,7 @@ def unmoved_group(trajectories: Sequence[Trajectory], moved: Sequence[str]) -> s
 
 
 def speed_shares(trajectories: Sequence[Trajectory], full_speed: Array) -> Array:
-    """Greatest share of each axis' full speed that points of trajectories have, (13,).
+    """Return the greatest share of each axis' full speed at the points of trajectories, (13,).
 
     Args:
         trajectories: of all axes, one or more.

@@ -1,8 +1,7 @@
-"""How a robot controller runs a trajectory: start check, cubic interpolation, hold, speed override.
+"""Model of a controller that runs trajectories: start check, cubic interpolation, hold, speed override.
 
-The player moves along a given path and never leaves it: a hold and the speed override change only
-how fast the path's clock s runs (its rate r = ds/dt). It is plain arithmetic on arrays, for any
-number of axes A; a state is a value, and every function returns a new one.
+The player follows a given path exactly: a hold and the speed override change only the rate r = ds/dt of the path's clock s.
+It works for any number of axes A; a state is an immutable value, and every method returns a new one.
 """
 
 import dataclasses as dc
@@ -28,7 +27,7 @@ _LIMIT_ROUNDING = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class PlayerLimits:
-    """What the controller refuses to go beyond; each (A,).
+    """Limits beyond which a trajectory is refused; (A,) each.
 
     Attributes:
         lower, upper: positions, rad.
@@ -44,17 +43,17 @@ class PlayerLimits:
 
 @dataclass(frozen=True)
 class PlayerSettings:
-    """How the controller checks and brakes.
+    """Tolerances of the checks, and rates of change of the path's clock.
 
     Attributes:
-        start_tolerance: most that the robot may stand off a trajectory's first point, rad; 30
-            pulses of a DX100 are about 1 mrad on the arm's axes.
-        rate_acceleration: most by which the rate changes, 1/s.
-        least_braking: at least so quickly the rate falls in a hold, 1/s, even where the path
-            itself uses up an axis' acceleration.
-        arrived, arrived_speed: within these of the end, rad and rad/s, a trajectory is completed.
-        arrival_time: so long after the trajectory's end the robot may still be under way, s.
-        following_limit: a following error beyond this is a fault, rad.
+        start_tolerance: largest distance of the robot from a trajectory's first point, rad; 30 pulses of a DX100 are
+            about 1 mrad on the arm's axes.
+        rate_acceleration: greatest change of the rate, 1/s.
+        least_braking: least decrease of the rate in a hold, 1/s, even where the path itself uses up an axis' acceleration.
+        arrived, arrived_speed: largest distance from the last point, rad, and speed, rad/s, at which a trajectory is
+            completed.
+        arrival_time: longest time from the trajectory's end until then, s.
+        following_limit: largest following error, rad.
     """
 
     start_tolerance: float = 1e-3
@@ -68,20 +67,20 @@ class PlayerSettings:
 
 @dataclass(frozen=True, eq=False)
 class PlayerState:
-    """What the player knows between two steps.
+    """State of the player between two steps.
 
     Attributes:
-        mode: "idle", "running", "holding" (braking) or "fault".
-        rest: (A,) where it stands when no trajectory runs, rad.
-        trajectory: that it moves along; None at rest.
-        number, name: of the command that the trajectory came with.
+        mode: see `MotionMode`.
+        rest: (A,) position while no trajectory runs, rad.
+        trajectory: under way; None at rest.
+        number, name: of the trajectory's command.
         s: time on the trajectory's clock, s.
         rate: ds/dt.
-        waited: since the trajectory's end, s.
-        queued: follow-up: number, trajectory, name.
+        waited: time since the trajectory's end, s.
+        queued: next trajectory: number, trajectory, name.
         command: number of the last command accepted or refused.
         completed: number of the last command done: a trajectory run to its end, or a hold at rest.
-        reason: why a command was refused, or the robot holds or is in fault.
+        reason: why a command was refused, the robot holds, or a fault is latched; else empty.
     """
 
     mode: MotionMode
@@ -99,15 +98,15 @@ class PlayerState:
 
 
 class TrajectoryPlayer:
-    """The rules of the controller; holds no state."""
+    """The rules by which a `PlayerState` changes."""
 
     def __init__(
         self, limits: PlayerLimits, axes: tuple[str, ...], settings: PlayerSettings | None = None
     ) -> None:
-        """Play under limits; `axes` are the names for messages.
+        """Use limits and settings; `axes` are the names for messages.
 
         Raises:
-            InputError: a limit has not one number per axis.
+            InputError: a limit does not have one number per axis.
         """
         for item in dc.fields(limits):
             if np.shape(getattr(limits, item.name)) != (len(axes),):
@@ -117,7 +116,11 @@ class TrajectoryPlayer:
         self.settings = settings or PlayerSettings()
 
     def at_rest(self, positions: ArrayLike) -> PlayerState:
-        """State of a robot that stands at positions (A,)."""
+        """Return the state of a robot at rest at positions (A,), rad.
+
+        Raises:
+            InputError: not one finite number per axis.
+        """
         rest = np.array(positions, dtype=float)
         if rest.shape != (len(self._axes),) or not np.isfinite(rest).all():
             raise InputError(f"trajectory player: start {rest.shape} is no finite posture")
@@ -132,18 +135,18 @@ class TrajectoryPlayer:
         measured: Array,
         name: str = "",
     ) -> PlayerState:
-        """Take or refuse a command; one whose number was seen before changes nothing.
+        """Accept or refuse a command; a number seen before changes nothing.
 
         Args:
-            state: before it.
+            state: before the command.
             number: counts up.
             trajectory: to run; None holds.
-            measured: (A,) where the robot stands, rad.
+            measured: (A,) position of the robot, rad.
             name: of the trajectory, for messages.
 
         Returns:
-            The state after it. A refusal leaves the motion as it is and states its reason. One
-            follow-up that starts where the running trajectory ends is queued.
+            The state after the command. A refusal does not change the motion and states its reason. One trajectory that
+            starts at the end of the running one is queued.
         """
         if number <= state.command:
             return state
@@ -166,16 +169,16 @@ class TrajectoryPlayer:
         measured: Array,
         speed: Array,
     ) -> PlayerState:
-        """Go on by one control period.
+        """Advance by one control period.
 
         Args:
-            state: now.
+            state: at the begin of the period.
             step: the period, s.
-            override: wanted rate, 0 to 1; anything else holds.
+            override: commanded rate, 0 to 1; another value holds.
             measured, speed: (A,) of the robot now, rad and rad/s.
 
         Returns:
-            The state at the end of the period; `reference` gives the posture for it.
+            The state at the end of the period; see `reference`.
         """
         if state.trajectory is None:
             return state
@@ -190,7 +193,7 @@ class TrajectoryPlayer:
         if state.s >= trajectory.duration:
             return self._arriving(state, step, measured, speed)
         if state.s == 0.0 and state.mode == MotionMode.RUNNING:
-            rate = before = target  # at rest there, so any rate may begin
+            rate = before = target  # at rest, so any rate may begin
         else:
             before, rate = state.rate, self._next_rate(state, trajectory, step, target)
         s = min(state.s + 0.5 * (before + rate) * step, trajectory.duration)
@@ -200,11 +203,11 @@ class TrajectoryPlayer:
         return state
 
     def reference(self, state: PlayerState, ahead: float = 0.0) -> tuple[Array, Array]:
-        """Position and velocity (A,) that the state asks of the axes, rad and rad/s.
+        """Return the commanded position, rad, and velocity, rad/s, (A,).
 
         Args:
             state: of the player.
-            ahead: so much later, s, at the rate that the state has.
+            ahead: time after the state, s, at its present rate.
         """
         if state.trajectory is None:
             return state.rest, np.zeros_like(state.rest)
@@ -213,7 +216,7 @@ class TrajectoryPlayer:
         return q, slope * (0.0 if s >= state.trajectory.duration else state.rate)
 
     def _problem(self, state: PlayerState, trajectory: SampledCubic, measured: Array) -> str:
-        """Why a trajectory cannot be taken; empty if it can."""
+        """Return why a trajectory is refused; empty if it is not."""
         if state.mode == MotionMode.FAULT:
             return f"the controller is in fault ({state.reason})"
         if state.mode == MotionMode.HOLDING:
@@ -259,7 +262,7 @@ class TrajectoryPlayer:
         return ""
 
     def _hold(self, state: PlayerState, number: int, reason: str) -> PlayerState:
-        """Begin to brake; at rest already, a hold is done at once."""
+        """Begin to brake; at rest, a hold is completed at once."""
         if state.mode == MotionMode.FAULT:
             return state
         if state.trajectory is None:
@@ -269,10 +272,10 @@ class TrajectoryPlayer:
     def _next_rate(
         self, state: PlayerState, trajectory: SampledCubic, step: float, target: float
     ) -> float:
-        """Rate at the end of the period: towards the target, within the axes' acceleration.
+        """Return the rate at the end of the period: towards the target, within the axes' acceleration limits.
 
-        q'' = q_ss r^2 + q_s r' bounds r' by every axis (path time scaling); braking has a least
-        value, so that a hold always comes to rest.
+        The joint acceleration q_ss r^2 + q_s r' bounds r' for every axis (path time scaling); braking has a least value, so
+        that a hold always comes to rest.
         """
         rate, settings = state.rate, self.settings
         if rate == target:
@@ -305,7 +308,7 @@ class TrajectoryPlayer:
     def _arriving(
         self, state: PlayerState, step: float, measured: Array, speed: Array
     ) -> PlayerState:
-        """Wait at the end of the trajectory until the robot is there."""
+        """Wait at the end of the trajectory until the robot has arrived."""
         trajectory = state.trajectory
         assert trajectory is not None
         if state.mode != MotionMode.RUNNING:
@@ -328,7 +331,7 @@ class TrajectoryPlayer:
         return dc.replace(state, waited=waited, rate=0.0)
 
     def _following(self, state: PlayerState, measured: Array) -> str:
-        """Name the fault of a robot that does not follow; empty if it does."""
+        """Return why the following error is a fault; empty if it is not."""
         error: NDArray[Any] = np.abs(measured - self.reference(state)[0])
         axis = int(error.argmax())
         if error[axis] <= self.settings.following_limit:

@@ -1,12 +1,12 @@
 """A virtual robot controller: modes, servos, queues and interpolation of a DX100 with MotoROS 1.9.12.
 
-It knows no sockets and no clock: messages are handed to it, and `advance` moves it on by one
-interpolation period. The thirteen axes are turn-table, right arm, left arm; its control groups are
-0 the right arm (r1), 1 the left arm (r2), 2 the turn-table (ext_axis).
+It uses neither sockets nor a clock: messages are passed to its methods, and `advance` simulates one interpolation period.
+The thirteen axes are turn-table, right arm, left arm; its control groups are 0 the right arm (r1), 1 the left arm (r2),
+2 the turn-table (ext_axis).
 
-It is as lax and as terse as the firmware (docs/deployment.md names its source and what is not known of it). What a
-client should not have sent is noted in `audit`, and refused only where the firmware refuses it. Above all: **its queues
-outlive the motion connection**, and are run again when the next one is accepted.
+It accepts what the firmware accepts (docs/deployment.md names the source, and what is unknown). Violations of the rules for
+clients are recorded in `audit`, and refused only where the firmware refuses them. Above all: **its queues outlive the
+motion connection**, and are run again when the next one is accepted.
 """
 
 from collections import deque
@@ -58,7 +58,7 @@ __all__ = [
 
 
 AXES = 13
-#: The axes of each control group.
+#: Indices of the axes of each control group.
 GROUP_AXES = (tuple(range(1, 7)), tuple(range(7, 13)), (0,))
 
 
@@ -66,14 +66,14 @@ class VirtualController:
     """The controller.
 
     Attributes:
-        settings: of it.
+        settings: of the controller.
+        pendant: switches, servos and trajectory mode.
         inputs, outputs: digital ones by address, 0 or 1.
-        received: the points that were accepted, of each group, oldest first.
-        messages: what was handed to it, with its clock.
-        trace: clock, positions (13,) and velocities (13,) as commanded, of each period.
-        points: trajectory points accepted so far, by all groups.
-        audit: rules that a client has broken, whether the firmware minds or not.
-        pendant: its switches, servos and trajectory mode.
+        received: accepted points of each group, oldest first.
+        messages: received messages, with the controller's clock, s.
+        trace: clock, s, commanded positions (13,), rad, and velocities (13,), rad/s, of each period.
+        points: trajectory points that all groups have accepted so far.
+        audit: violations of the rules for clients.
     """
 
     def __init__(
@@ -82,11 +82,11 @@ class VirtualController:
         start: ArrayLike,
         limits: tuple[ArrayLike, ArrayLike, ArrayLike],
     ) -> None:
-        """Stand at `start` (13,) rad in play mode, remote, servos off, with a motion connection.
+        """Begin at rest in play mode, with remote on, servos off, and a motion connection.
 
         Args:
-            settings: of it.
-            start: where the axes stand.
+            settings: of the controller.
+            start: (13,) positions of the axes, rad.
             limits: lower and upper positions, rad, and velocities, rad/s, each (13,).
 
         Raises:
@@ -133,15 +133,13 @@ class VirtualController:
         self._ticks = 0
         self._starting: tuple[MotionControl, float] | None = None
         self._late: list[Message] = []
-        self._previous: Message | None = None  # reply, which unknown commands get once more
-        self._parted: float | None = None  # when the motion connection ended
+        self._previous: Message | None = None  # last reply, repeated for unknown commands
+        self._parted: float | None = None  # end of the motion connection, s
         rest = np.zeros(AXES)
         self._under_way = deque(
             [(begin, rest)] * (round(settings.delay / settings.period) + 1),
             maxlen=round(settings.delay / settings.period) + 1,
         )
-
-    # ------------------------------------------------------------ state
 
     @property
     def time(self) -> float:
@@ -160,63 +158,63 @@ class VirtualController:
 
     @property
     def axis_positions(self) -> Array:
-        """Where the axes are told to be by now, (13,) rad: what was commanded the settings' delay ago."""
+        """Positions of the axes, (13,) rad: those commanded the settings' delay ago."""
         return self._under_way[0][0]
 
     @property
     def axis_velocities(self) -> Array:
-        """Velocities of the axes by now, (13,) rad/s; see `axis_positions`."""
+        """Velocities of the axes, (13,) rad/s; see `axis_positions`."""
         return self._under_way[0][1]
 
     @property
     def moving(self) -> bool:
-        """Whether an axis moves, or will by an increment that waits."""
+        """Whether an axis moves, or increments are queued."""
         return any(group.moving for group in self._groups) or not self._arrived
 
     @property
     def resting(self) -> bool:
-        """Whether no axis moves, nor will before another motion connection is made."""
+        """Whether no axis moves, nor will before the next motion connection is made."""
         left_alone = not self.playing and not self.velocities.any() and self._arrived
         return left_alone or not self.moving
 
     @property
     def _arrived(self) -> bool:
-        """Whether the axes are told to be where the last increment ended."""
+        """Whether the axes are at the end of the last increment."""
         return np.array_equal(self._under_way[0][0], self._under_way[-1][0])
 
     @property
     def queued(self) -> tuple[int, ...]:
-        """Increments that wait in each group."""
+        """Queued increments of each group."""
         return tuple(group.count for group in self._groups)
 
     @property
     def queued_time(self) -> tuple[float, ...]:
-        """Motion that waits in each group, s."""
+        """Duration of the queued motion of each group, s."""
         return tuple(group.ahead for group in self._groups)
 
     @property
     def underruns(self) -> int:
-        """How often a group's queue ran out in motion."""
+        """Number of times that a group's queue ran out during motion."""
         return sum(group.underruns for group in self._groups)
 
     @property
     def starting(self) -> bool:
-        """Whether trajectory mode is being started; its reply comes from `late_replies`."""
+        """Whether trajectory mode is being started; the reply follows in `late_replies`."""
         return self._starting is not None
 
     @property
     def playing(self) -> bool:
-        """Whether increments that wait are run."""
+        """Whether queued increments are run."""
         return self._parted is None or self.time < self._parted + self.settings.leaving - 1e-9
 
     @property
     def parting(self) -> bool:
-        """Whether the motion connection has just ended, and its tasks have not yet."""
+        """Whether the motion connection has ended and its tasks still run."""
         return self._parted is not None and self.playing
 
     @property
     def status(self) -> RobotStatusBody:
-        """What ROBOT_STATUS tells where the axes are measured to be where they are told to be."""
+        """Content of ROBOT_STATUS, with the axes measured at `axis_positions`."""
         return self._status(self.axis_positions)
 
     def _status(self, measured: Array) -> RobotStatusBody:
@@ -239,29 +237,25 @@ class VirtualController:
         return whole
 
     def stop(self) -> None:
-        """Empty all queues at once; the axes brake."""
+        """Empty all queues; the axes brake."""
         for group in self._groups:
             group.clear()
 
-    # ------------------------------------------------------------ the motion connection
-
     def connection_made(self) -> None:
-        """A motion connection is accepted: whatever waits in the queues is run from now on."""
+        """Accept a motion connection: queued increments are run from now on."""
         self._parted = None
         for group in self._groups:
             group.forget()
 
     def connection_lost(self) -> None:
-        """The motion connection has ended: its tasks end a little later, and the queues stay as they are."""
+        """End the motion connection: its tasks end shortly after, and the queues stay as they are."""
         if self._parted is None:
             self._parted = self.time
         self._starting = None
         self._late.clear()
 
-    # ------------------------------------------------------------ time
-
     def advance(self) -> None:
-        """Move on by one interpolation period."""
+        """Simulate one interpolation period."""
         self._ticks += 1
         self._start_up()
         playing = self.playing and not self.pendant.not_ready
@@ -275,17 +269,17 @@ class VirtualController:
         self.trace.append((self.time, *self._under_way[-1]))
 
     def late_replies(self) -> list[Message]:
-        """Replies that took the controller time; each is given once."""
+        """Return the replies of requests that took time; each is returned once."""
         late, self._late = self._late, []
         return late
 
     def feedback(
         self, positions: ArrayLike | None = None, velocities: ArrayLike | None = None
     ) -> list[Message]:
-        """One set of feedback: one message per group, one for all unless it knows groups alone, the status.
+        """Return a set of feedback: a message per group, one for all groups unless it accepts groups only, and the status.
 
         Args:
-            positions, velocities: (13,) measured, rad and rad/s; where left out, those the axes are told.
+            positions, velocities: (13,) measured, rad and rad/s; None is `axis_positions`, `axis_velocities`.
         """
         q = self.axis_positions if positions is None else np.asarray(positions, dtype=float)
         v = self.axis_velocities if velocities is None else np.asarray(velocities, dtype=float)
@@ -299,20 +293,18 @@ class VirtualController:
             messages.append(MultiFeedback(bodies).to_message())
         return [*messages, self._status(q).to_message()]
 
-    # ------------------------------------------------------------ messages
-
     def handle_io(self, message: Message | Unread) -> list[Message]:
-        """Answer a message on the connection for inputs and outputs."""
+        """Return the replies to a message on the I/O connection."""
         if isinstance(message, Unread):
             return [self._io.refusal(message.subcode)]
         self.messages.append((self.time, message))
         return self._io.answer(message)
 
     def handle_motion(self, message: Message | Unread) -> list[Message]:
-        """Answer a message on the motion connection.
+        """Return the replies to a message on the motion connection.
 
-        START_TRAJ_MODE is answered by `late_replies`; DISCONNECT with empty queues is not (but in 2013), and the
-        connection ends.
+        The reply to START_TRAJ_MODE may follow in `late_replies`. DISCONNECT with empty queues has no reply, except with
+        the firmware of 2013, and the connection ends.
         """
         if isinstance(message, Unread):
             return self._said(_unread(message, self.settings.firmware))
@@ -331,7 +323,7 @@ class VirtualController:
                 points = MultiPoint.of(_known_fields(message, range(12, len(message.body), 132)))
                 group, *result = self._take(points.groups, points.sequence, several=True)
                 return self._said(_reply(group, points.sequence, kind, *result))
-        except WireError:  # no group at all: nothing sets a reply, the one before is sent once more
+        except WireError:  # invalid: the last reply is sent again
             return [] if self._previous is None else [self._previous]
         return self._said(_reply(-1, -1, kind, Result.INVALID, Subcode.INVALID_TYPE))
 
@@ -342,7 +334,7 @@ class VirtualController:
     def _take(
         self, points: tuple[GroupPoint, ...], sequence: int, several: bool = False
     ) -> tuple[int, int, int]:
-        """Take points of one sequence number, in order; the group that the reply names, result and subcode."""
+        """Process points of one sequence number, in order; return group, result and sub-code of the reply."""
         if subcode := self.pendant.not_ready:
             return points[-1].group, Result.NOT_READY, subcode
         for point in points:
@@ -383,7 +375,7 @@ class VirtualController:
         )
 
     def _command(self, asked: MotionControl) -> list[Message]:
-        """Answer a command about motion."""
+        """Return the replies to a command."""
         if asked.command == Command.START_TRAJ_MODE:
             return self._start(asked)
         result, subcode = Result.SUCCESS, 0
@@ -391,13 +383,13 @@ class VirtualController:
             subcode = self.pendant.not_ready
             result = Result.FAILURE if subcode else Result.SUCCESS
             if self.settings.firmware == Firmware.OF_2013:
-                subcode = 0  # which does not say why
+                subcode = 0  # which sends no reason
         elif asked.command == Command.CHECK_QUEUE_COUNT:
             known = 0 <= asked.group < len(self._groups)
             subcode = self.queued[asked.group] if known else -1
             result = Result.SUCCESS if known else Result.FAILURE
         elif asked.command == Command.CHECK_SYNCHRO and self.settings.synchro:
-            # ASSUMED: drained are groups whose points are wholly in their queues.
+            # ASSUMED: synchronous are groups whose points are completely in their queues.
             subcode = sum(group.busy for group in self._groups)
             result = Result.FAILURE if subcode else Result.SUCCESS
         elif asked.command == Command.STOP_MOTION:
@@ -421,18 +413,18 @@ class VirtualController:
                     and self.settings.firmware != Firmware.OF_2013
                 ):
                     return []
-        else:  # its switch has no other case: the reply before is sent once more
+        else:  # unknown: the last reply is sent again
             return [] if self._previous is None else [self._previous]
         return self._said(_reply(asked.group, asked.sequence, asked.command, result, subcode))
 
     def _start(self, asked: MotionControl) -> list[Message]:
-        """Begin to start trajectory mode, unless it is on or cannot be."""
+        """Begin to start trajectory mode, unless it is on or cannot be started."""
         answer = asked.group, asked.sequence, asked.command
         if not self.pendant.not_ready:
             return self._said(_reply(*answer, Result.SUCCESS))
         if not (
             self.pendant.e_stop or self.pendant.hold or not self.pendant.remote
-        ):  # which an operator has to end first
+        ):  # conditions that an operator has to end
             self.pendant.reset_alarm()
         if self.pendant.not_startable:
             return self._said(_reply(*answer, Result.NOT_READY, self.pendant.not_ready))
@@ -445,7 +437,7 @@ class VirtualController:
         return []
 
     def _start_up(self) -> None:
-        """Go on with the start of trajectory mode."""
+        """Continue the start of trajectory mode."""
         if self._starting is None:
             return
         asked, end = self._starting
@@ -463,7 +455,7 @@ class VirtualController:
 
 
 def _known_fields(message: Message, places: Iterable[int]) -> Message:
-    """The message without bits of valid fields that have no meaning, which the firmware does not mind."""
+    """Return the message without undefined bits of valid fields, which the firmware ignores."""
     body = bytearray(message.body)
     for place in places:
         body[place : place + 4] = (body[place] & 15).to_bytes(4, "little")
@@ -471,15 +463,15 @@ def _known_fields(message: Message, places: Iterable[int]) -> Message:
 
 
 def _reply(group: int, sequence: int, command: int, result: int, subcode: int = 0) -> Message:
-    """A motion reply; its header says success whatever the result."""
+    """Return a motion reply; its header states success for every result."""
     told = MotionReply(group, sequence, command, result, subcode)
     return told.to_message(reply=ReplyCode.SUCCESS)
 
 
 def _unread(unread: Unread, firmware: str) -> Message:
-    """The reply to bytes that are no whole message; it repeats what stands where its numbers would be.
+    """Return the reply to bytes that are not a complete message; it repeats the bytes where its numbers would be.
 
-    Its group is 0 in place of what was sent, but in the firmware of 2013.
+    Its group is 0, except with the firmware of 2013.
     """
     head = unread.head
     known = {

@@ -1,4 +1,4 @@
-"""Faults of the virtual controller's answers and of its pendant."""
+"""Faults of the virtual controller's replies and of its pendant."""
 
 from collections.abc import Callable
 
@@ -23,11 +23,12 @@ from unwrinkle.hardware.motoros.wire import (
 from unwrinkle.simulation.controllers.faults.kinds import Faults, ServerFault
 from unwrinkle.simulation.controllers.pendant import Pendant, PendantMode
 
+#: First and last address of network inputs.
 _NETWORK_INPUTS = (25010, 27567)
 
 
 def motion_fault(faults: Faults, message: Message) -> list[Message]:
-    """What a fault answers in place of the controller; empty if none does."""
+    """Return the replies of a fault on the motion connection in place of the controller's; empty if there is none."""
     if not faults.any_of("busy", "not_ready", "start_mismatch"):
         return []
     try:
@@ -61,7 +62,7 @@ def motion_fault(faults: Faults, message: Message) -> list[Message]:
 
 
 def io_fault(faults: Faults, message: Message) -> list[Message]:
-    """What a fault answers in place of the inputs and outputs; empty if none does."""
+    """Return the replies of a fault on the I/O connection in place of the controller's; empty if there is none."""
     try:
         if message.type == MessageType.WRITE_IO_BIT and faults.any_of("lost_outputs"):
             WriteIo.of(message)
@@ -76,7 +77,7 @@ def io_fault(faults: Faults, message: Message) -> list[Message]:
 
 
 def with_wrong_sequence(reply: Message) -> Message:
-    """A motion reply to another point than was sent."""
+    """Return a motion reply with another sequence number."""
     told = MotionReply.of(reply)
     wrong = MotionReply(
         told.group, told.sequence + 7, told.command, told.result, told.subcode, told.data
@@ -103,12 +104,12 @@ _END: dict[str, Callable[[Pendant], None]] = {
 
 
 def begin_on_pendant(pendant: Pendant, fault: ServerFault) -> None:
-    """What a fault does to the pendant when it begins."""
+    """Apply the begin of a fault to the pendant."""
     if fault.kind in _BEGIN:
         _BEGIN[fault.kind](pendant, fault)
 
 
 def end_on_pendant(pendant: Pendant, fault: ServerFault) -> None:
-    """What a fault undoes at its end."""
+    """Apply the end of a fault to the pendant."""
     if fault.kind in _END:
         _END[fault.kind](pendant)
