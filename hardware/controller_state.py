@@ -1,4 +1,6 @@
-"""Values that the controller's driver reports: the robot's status, joint feedback, and its own state."""
+"""Values that the controller's driver reports: the robot's status, joint feedback, and its own
+state.
+"""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -90,13 +92,15 @@ class DriverStatus:
         command: number of the last command accepted or refused.
         completed: number of the last command done: a trajectory run to its end, or a hold at rest.
         progress: time on the running trajectory's own clock that the robot is commanded to now, s.
-        reason: why the last command was refused, the robot holds, or a fault is latched; else empty.
+        reason: why the last command was refused, the robot holds, or a fault is latched; else
+            empty.
         override: share of the planned speed, 0 to 1.
         robot: newest status of the robot; None before the first.
         feedback_age: time since the newest complete feedback, s; infinite before the first.
         late: number of polls later than the site allows, since the trajectory began.
         points: points of the running trajectory that the controller has acknowledged.
-        following_error: largest distance of an axis from its commanded path with the lag removed, rad.
+        following_error: largest distance of an axis from its commanded path with the lag removed,
+            rad.
         lag: estimated lag of the feedback behind the commands, s.
     """
 

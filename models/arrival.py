@@ -1,4 +1,6 @@
-"""When an axis has arrived at the end of a motion: the same tolerances on the robot and in the simulation."""
+"""When an axis has arrived at the end of a motion: the same tolerances on the robot and in the
+simulation.
+"""
 
 #: Largest distance from the last point, rad.
 ARRIVED_POSITION_RAD = 5e-4

@@ -1,8 +1,9 @@
-"""The sampled cubic that planning, drivers and simulation share, and the trajectory of the robot's axes made of it.
+"""The sampled cubic that planning, drivers and simulation share, and the trajectory of the robot's
+axes made of it.
 
-A controller interpolates cubically between the samples that it is sent, so positions between samples, and extremes of
-speed, acceleration and jerk, are those of the Hermite cubics. The verification computes them in its own way on purpose
-(`planning.verification`).
+A controller interpolates cubically between the samples that it is sent, so positions between
+samples, and extremes of speed, acceleration and jerk, are those of the Hermite cubics. The
+verification computes them in its own way on purpose (`planning.verification`).
 """
 
 from dataclasses import dataclass
@@ -48,8 +49,8 @@ class SampledCubic:
         velocities: (N, A) rad/s.
 
     Raises:
-        InputError: shapes disagree, or finite times do not start at 0 or increase. Values that are not finite are
-            accepted; see `finite`.
+        InputError: shapes disagree, or finite times do not start at 0 or increase. Values that are
+            not finite are accepted; see `finite`.
     """
 
     times: Array
@@ -66,7 +67,8 @@ class SampledCubic:
         shape = self.positions.shape
         if count < 2 or self.times.shape != (count,) or len(shape) != 2 or shape[0] != count:
             raise InputError(
-                f"sampled cubic: times {self.times.shape} and positions {shape} must be (N,) and (N, A), N >= 2"
+                f"sampled cubic: times {self.times.shape} and positions {shape} must be (N,) and "
+                "(N, A), N >= 2"
             )
         if self.velocities.shape != shape:
             raise InputError(
@@ -93,12 +95,16 @@ class SampledCubic:
         return bool(np.abs(self.velocities[[0, -1]]).max() <= REST_SPEED_RAD_S)
 
     def at(self, t: float | Array) -> tuple[Array, Array]:
-        """Return positions, rad, and velocities, rad/s, (..., A) each, at times t (...) from 0 to `duration`, s."""
+        """Return positions, rad, and velocities, rad/s, (..., A) each, at times t (...) from 0 to
+        `duration`, s.
+        """
         u, (a, b, c, d) = self._piece(t)
         return ((a * u + b) * u + c) * u + d, (3.0 * a * u + 2.0 * b) * u + c
 
     def derivatives(self, t: float | Array) -> tuple[Array, Array, Array]:
-        """Return velocities, rad/s, accelerations, rad/s^2, and jerks, rad/s^3, (..., A) each, at times t (...), s."""
+        """Return velocities, rad/s, accelerations, rad/s^2, and jerks, rad/s^3, (..., A) each, at
+        times t (...), s.
+        """
         u, (a, b, c, _) = self._piece(t)
         return (3.0 * a * u + 2.0 * b) * u + c, 6.0 * a * u + 2.0 * b, 6.0 * a
 
@@ -126,11 +132,15 @@ class SampledCubic:
 
     @cached_property
     def _coefficients(self) -> Array:
-        """Coefficients (N - 1, 4, A) of the cubics in the time since their begin, third power first."""
+        """Coefficients (N - 1, 4, A) of the cubics in the time since their begin, third power
+        first.
+        """
         return np.ascontiguousarray(np.moveaxis(self.interpolant().c, 0, 1))
 
     def _piece(self, t: float | Array) -> tuple[Array, tuple[Array, Array, Array, Array]]:
-        """Return the time (..., 1) since the begin of the cubic at t, s, and its coefficients, (..., A) each."""
+        """Return the time (..., 1) since the begin of the cubic at t, s, and its coefficients,
+        (..., A) each.
+        """
         index: NDArray[np.intp] = np.clip(
             np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 2
         )
@@ -197,9 +207,11 @@ def rate_extremes(times: Array, positions: Array, velocities: Array) -> tuple[Ar
 
 
 def hermite_positions(times: Array, positions: Array, velocities: Array, t: Array) -> Array:
-    """Return the positions (n, A) of the cubics through samples at times t (n,), from the Hermite basis.
+    """Return the positions (n, A) of the cubics through samples at times t (n,), from the Hermite
+    basis.
 
-    For samples that change from call to call, where the coefficients of `SampledCubic` would be computed in vain.
+    For samples that change from call to call, where the coefficients of `SampledCubic` would be
+    computed in vain.
 
     Args:
         times: (N,) s, increasing, N >= 2.

@@ -1,7 +1,8 @@
-"""Program that exposes one pair of two DSLR cameras through libgphoto2, in a process of its own since libgphoto2 may hang.
+"""Program that exposes one pair of two DSLR cameras through libgphoto2, in a process of its own
+since libgphoto2 may hang.
 
-The parent process ends it at its deadline. The result is `result.json` in the folder of the command line: file and time of
-exposure of each eye, or an error.
+The parent process ends it at its deadline. The result is `result.json` in the folder of the command
+line: file and time of exposure of each eye, or an error.
 """
 
 import json
@@ -18,7 +19,8 @@ _USB = Path("/sys/bus/usb/devices")
 #: Longest wait for one event of a camera, ms.
 _EVENT_WAIT_MS = 200
 
-#: Exposes a pair from two ports into a folder; returns per eye the file's name and the time of exposure, s since 1970.
+#: Exposes a pair from two ports into a folder; returns per eye the file's name and the time of
+#: exposure, s since 1970.
 Grab = Callable[[Sequence[str], Path], list[tuple[str, float]]]
 
 
@@ -76,7 +78,7 @@ def take_pair(ports: Sequence[str], folder: Path) -> list[tuple[str, float]]:
 
 
 def _download(gphoto2: Any, camera: Any, name: str, folder: Path) -> str:
-    """Wait for the camera's JPEG (it may write a raw file too) and save it; return the file's name."""
+    """Wait for the camera's JPEG (it may write a raw file too) and save it; return its name."""
     while True:
         kind, data = camera.wait_for_event(_EVENT_WAIT_MS)
         if kind == gphoto2.GP_EVENT_FILE_ADDED and data.name.lower().endswith((".jpg", ".jpeg")):
@@ -86,7 +88,9 @@ def _download(gphoto2: Any, camera: Any, name: str, folder: Path) -> str:
 
 
 def main(arguments: Sequence[str], grab: Grab = take_pair) -> int:
-    """Expose a pair from the ports LEFT and RIGHT into FOLDER; return 0 if it was exposed, 1 if not."""
+    """Expose a pair from the ports LEFT and RIGHT into FOLDER; return 0 if it was exposed, 1 if
+    not.
+    """
     *ports, where = arguments
     folder = Path(where)
     try:
@@ -94,7 +98,7 @@ def main(arguments: Sequence[str], grab: Grab = take_pair) -> int:
         result: dict[str, Any] = {"shots": [[file, when] for file, when in taken]}
     except ImportError:
         result = {"error": "gphoto2 is not installed; try: pip install 'unwrinkle[gphoto2]'"}
-    except Exception as error:  # noqa: BLE001  libgphoto2 has its own; the parent process reports them
+    except Exception as error:  # noqa: BLE001  libgphoto2 has its own
         result = {"error": f"{type(error).__name__}: {error}"}
     # Renamed when complete, so that the parent never reads a part.
     draft = folder / (RESULT + ".part")

@@ -1,4 +1,6 @@
-"""The head's two cameras: interface, and the exposure of a pair in the background with a deadline and attempts."""
+"""The head's two cameras: interface, and the exposure of a pair in the background with a deadline
+and attempts.
+"""
 
 import threading
 import time
@@ -72,7 +74,9 @@ class PairCamera(Protocol):
 
 
 class GrabbedPair:
-    """A pair camera made of one function that exposes both cameras and may hang, fail, or return invalid pictures."""
+    """A pair camera made of one function that exposes both cameras and may hang, fail, or return
+    invalid pictures.
+    """
 
     def __init__(
         self,
@@ -88,7 +92,8 @@ class GrabbedPair:
             grab: exposes left and right; it should end when its event is set. Raises HardwareError.
             site: timeout, attempts, and skew.
             what: for messages, as "cameras (folder pictures/)".
-            margin: time added to the site's timeout, for a `grab` that keeps the deadline itself, s.
+            margin: time added to the site's timeout, for a `grab` that keeps the deadline itself,
+                s.
         """
         self._skew = site.skew
         self._exposer = Exposer(
@@ -102,7 +107,7 @@ class GrabbedPair:
         self._exposer.start(number)
 
     def poll(self, now: float) -> None:
-        """Check whether the exposure is done, overdue, or to be repeated; `now` is of any clock, s."""
+        """Check whether the exposure is done, overdue or to be repeated; `now` of any clock, s."""
         self._exposer.poll(now)
 
     @property
@@ -122,7 +127,9 @@ class GrabbedPair:
         return self._result
 
     def wait(self, deadline: float) -> bool:
-        """Wait at most `deadline`, s, for something that `poll` has to process; return whether there is."""
+        """Wait at most `deadline`, s, for something that `poll` has to process; return whether
+        there is.
+        """
         return self._exposer.wait(deadline)
 
     def close(self) -> None:
@@ -144,13 +151,15 @@ class GrabbedPair:
         left, right = pair
         if left.pixels.shape != right.pixels.shape:
             return (
-                f"the pictures' sizes differ: left {left.pixels.shape[:2]}, right {right.pixels.shape[:2]}; "
+                f"the pictures' sizes differ: left {left.pixels.shape[:2]}, right "
+                f"{right.pixels.shape[:2]}; "
                 "set both cameras to the same mode"
             )
         apart = abs(left.time - right.time)
         if not apart <= self._skew:
             return (
-                f"the two eyes' exposures are {apart:.2f} s apart, at most {self._skew:g} s (the site's skew); "
+                f"the two eyes' exposures are {apart:.2f} s apart, at most {self._skew:g} s (the "
+                "site's skew); "
                 "they do not show the same scene"
             )
         return ""
@@ -171,7 +180,8 @@ def read_picture(path: Path) -> Picture:
     image = cv2.imdecode(data, cv2.IMREAD_COLOR_RGB) if data.size else None
     if image is None:
         raise HardwareError(
-            f"{path} is no picture that can be read ({data.size} bytes); set the camera to JPEG or PNG"
+            f"{path} is no picture that can be read ({data.size} bytes); set the camera to JPEG or "
+            "PNG"
         )
     return np.asarray(image, dtype=np.uint8)
 

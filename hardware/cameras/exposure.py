@@ -1,4 +1,4 @@
-"""One exposure at a time, in a thread of its own, with a deadline and a bounded number of attempts."""
+"""One exposure at a time, in a thread of its own, with a deadline and a limit of attempts."""
 
 import logging
 import threading
@@ -38,10 +38,11 @@ class _Attempt(Generic[T]):
 
 
 class Exposer(Generic[T]):
-    """Calls a function that may hang, fail, or return an unusable result; its own methods do not wait for it.
+    """Calls a function that may hang, fail, or return an unusable result; its own methods do not
+    wait for it.
 
-    Calls are never concurrent: one that exceeds its deadline is asked to end, and the next attempt waits for that, for as
-    long as an attempt may take.
+    Calls are never concurrent: one that exceeds its deadline is asked to end, and the next attempt
+    waits for that, for as long as an attempt may take.
     """
 
     def __init__(
@@ -81,7 +82,7 @@ class Exposer(Generic[T]):
         self._try("")
 
     def poll(self, now: float) -> None:
-        """Check whether the exposure is done, overdue, or to be repeated; `now` is of any clock, s."""
+        """Check whether the exposure is done, overdue or to be repeated; `now` of any clock, s."""
         now = self._clock.at(now)
         if self._began is None:
             self._began = now
@@ -96,7 +97,9 @@ class Exposer(Generic[T]):
             self._look(self._attempt, overdue)
 
     def wait(self, deadline: float) -> bool:
-        """Wait at most `deadline`, s, for something that `poll` has to process; return whether there is, or all is done."""
+        """Wait at most `deadline`, s, for something that `poll` has to process; return whether
+        there is, or all is done.
+        """
         attempt = self._hanging if self._queued else self._attempt
         return attempt is None or attempt.finished.wait(deadline)
 
@@ -164,7 +167,7 @@ class Exposer(Generic[T]):
             attempt.taken = self._grab(attempt.cancel)
         except HardwareError as error:
             attempt.problem = str(error)
-        except Exception as error:  # noqa: BLE001  an error of a camera's library must not end the station
+        except Exception as error:  # noqa: BLE001  must not end the station
             _log.exception("%s", self._what)
             attempt.problem = f"{type(error).__name__}: {error}"
         finally:

@@ -26,7 +26,8 @@ def open_cameras(site: CameraSite) -> PairCamera:
         return GphotoCamera(site)
     if site.kind == "openni2":
         raise InputError(
-            "cameras.kind 'openni2' is one depth camera and takes no pair; give folder, watch, opencv or "
+            "cameras.kind 'openni2' is one depth camera and takes no pair; give folder, watch, "
+            "opencv or "
             "gphoto2"
         )
     raise InputError(

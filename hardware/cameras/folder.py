@@ -1,4 +1,6 @@
-"""Pairs of picture files: those of a folder in order, or the newest pair that another program writes there."""
+"""Pairs of picture files: those of a folder in order, or the newest pair that another program
+writes there.
+"""
 
 import threading
 import time
@@ -10,8 +12,9 @@ from unwrinkle.models.site import CameraSite
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 
-#: Between two reads of the watched folder, s; a file that does not change between two reads is complete.
-LOOK_PERIOD = 0.1
+#: Between two reads of the watched folder, s; a file that does not change between two reads is
+#: complete.
+READ_PERIOD_S = 0.1
 
 #: Time of a file's last change, ns, and its size, bytes.
 _State = tuple[int, int]
@@ -27,7 +30,8 @@ def _folder(site: CameraSite) -> Path:
 
 
 def pairs_in(folder: Path, left: str = "left", right: str = "right") -> list[tuple[Path, Path]]:
-    """Return pairs of picture files LEFT* and RIGHT* with the same rest of their names, sorted by name.
+    """Return pairs of picture files LEFT* and RIGHT* with the same rest of their names, sorted by
+    name.
 
     Args:
         folder: of the files.
@@ -56,7 +60,8 @@ class FolderCamera(GrabbedPair):
         self._pairs = pairs_in(folder, *begins)
         if not self._pairs:
             raise HardwareError(
-                f"cameras: folder {folder} has no pair of files {begins[0]}*.png and {begins[1]}*.png"
+                f"cameras: folder {folder} has no pair of files {begins[0]}*.png and "
+                f"{begins[1]}*.png"
             )
         self._next = 0
         self._folder = folder
@@ -80,7 +85,8 @@ class FolderCamera(GrabbedPair):
 class WatchCamera(GrabbedPair):
     """Returns the newest complete pair that is written into a folder after `start`.
 
-    For cameras that another program releases and downloads. The times of exposure are those of the files' last change.
+    For cameras that another program releases and downloads. The times of exposure are those of the
+    files' last change.
     """
 
     def __init__(self, site: CameraSite) -> None:
@@ -134,5 +140,5 @@ class WatchCamera(GrabbedPair):
                     Shot(read_picture(right), states[right][0] * 1e-9),
                 )
             last = states
-            if cancel.wait(LOOK_PERIOD):
+            if cancel.wait(READ_PERIOD_S):
                 raise HardwareError(f"no new pair in {self._folder}")

@@ -1,8 +1,8 @@
 """A pair of DSLR cameras through libgphoto2: each exposure in a child process with a deadline.
 
-Calls to such cameras hang now and then (the Nikon D5100 is known for it), and a hanging call cannot be ended within a
-process. So the child is killed at its deadline, and both USB ports are reset before the next attempt; the reason of a
-failure states what is left to do by hand.
+Calls to such cameras hang now and then (the Nikon D5100 is known for it), and a hanging call cannot
+be ended within a process. So the child is killed at its deadline, and both USB ports are reset
+before the next attempt; the reason of a failure states what is left to do by hand.
 """
 
 import fcntl
@@ -24,7 +24,8 @@ from unwrinkle.models.site import CameraSite
 
 _log = logging.getLogger(__name__)
 
-#: First part of the child's command; the two ports and a folder follow. -P: its working folder hides no package.
+#: First part of the child's command; the two ports and a folder follow. -P: its working folder
+#: hides no package.
 CHILD = (sys.executable, "-P", "-m", "unwrinkle.hardware.cameras._gphoto_child")
 
 #: Request of `ioctl` that resets a USB device.
@@ -34,7 +35,10 @@ _CHECK_PERIOD_S = 0.02
 #: Longest wait for the end of a killed child, s.
 _LONGEST_KILL_S = 2.0
 #: Advice for the user.
-_BY_HAND = "switch both cameras off and on, or take out their batteries; check that no other program holds them"
+_BY_HAND = (
+    "switch both cameras off and on, or take out their batteries; check that no other program "
+    "holds them"
+)
 
 
 def reset_usb_port(port: str) -> None:
@@ -65,7 +69,8 @@ class GphotoCamera(GrabbedPair):
 
         Args:
             site: `left` and `right` are USB ports, as "1-1.2" or "usb:001,004".
-            child: command of the process that exposes a pair; the two ports and a folder are appended.
+            child: command of the process that exposes a pair; the two ports and a folder are
+                appended.
             reset: resets a USB port.
 
         Raises:
@@ -73,7 +78,8 @@ class GphotoCamera(GrabbedPair):
         """
         if not site.left or not site.right or site.left == site.right:
             raise InputError(
-                "cameras.kind 'gphoto2' needs two different USB ports in cameras.left and cameras.right, got "
+                "cameras.kind 'gphoto2' needs two different USB ports in cameras.left and "
+                "cameras.right, got "
                 f"'{site.left}' and '{site.right}'"
             )
         self._ports = (site.left, site.right)
@@ -146,7 +152,8 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
             process.wait(_LONGEST_KILL_S)
         except subprocess.TimeoutExpired:
             raise HardwareError(
-                f"the capturing process {process.pid} cannot be killed: it hangs in the USB driver; unplug "
+                f"the capturing process {process.pid} cannot be killed: it hangs in the USB "
+                "driver; unplug "
                 "the cameras"
             ) from None
 

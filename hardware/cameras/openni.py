@@ -28,7 +28,8 @@ class DepthPicture:
 
     Attributes:
         number: of the exposure.
-        depth: (h, w) float32 m along the optical axis, NaN without a measurement; None if the exposure failed.
+        depth: (h, w) float32 m along the optical axis, NaN without a measurement; None if the
+            exposure failed.
         time: of the exposure, s since 1970.
         reason: why the exposure failed; else empty.
         colour: (h, w, 3) uint8 RGB registered to the pixels of depth; None without colour.
@@ -66,10 +67,12 @@ class _Depth:
 
 
 def grab_openni2() -> DepthFrame:
-    """Take one frame of the first device, not mirrored; with colour if the device can register depth to it.
+    """Take one frame of the first device, not mirrored; with colour if the device can register
+    depth to it.
 
     Raises:
-        HardwareError: the binding, the library or the device is missing, or the device returns no such frame.
+        HardwareError: the binding, the library or the device is missing, or the device returns no
+            such frame.
     """
     try:
         # Not a declared dependency: the library itself has to be installed by hand.
@@ -79,12 +82,16 @@ def grab_openni2() -> DepthFrame:
             "an OpenNI2 camera needs the OpenNI2 library and: pip install openni"
         ) from None
     stage = (
-        "the OpenNI2 library does not load: {}; install it (package libopenni2-0), or set OPENNI2_REDIST to its "
+        "the OpenNI2 library does not load: {}; install it (package libopenni2-0), or set "
+        "OPENNI2_REDIST to its "
         "folder"
     )
     try:
         openni2.initialize()
-        stage = "no OpenNI2 device: {}; is the camera plugged in, and may this user open it (udev rules)?"
+        stage = (
+            "no OpenNI2 device: {}; is the camera plugged in, and may this user open it (udev "
+            "rules)?"
+        )
         try:
             device = openni2.Device.open_any()
             stage = "no depth frame from OpenNI2: {}; unplug the camera and plug it in again"
@@ -195,5 +202,8 @@ class OpenNi2Camera:
         if taken.depth.ndim != 2 or not np.isfinite(taken.depth).any():
             return f"the frame {taken.depth.shape} has no depth at all"
         if taken.colour is not None and taken.colour.shape != (*taken.depth.shape, 3):
-            return f"its colour {taken.colour.shape} has not the pixels of its depth {taken.depth.shape}"
+            return (
+                f"its colour {taken.colour.shape} does not have the pixels of its depth "
+                f"{taken.depth.shape}"
+            )
         return ""

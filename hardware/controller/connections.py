@@ -1,14 +1,16 @@
-"""The connections to the robot controller: made in a safe order, ended without leaving motion in its queues.
+"""The connections to the robot controller: made in a safe order, ended without leaving motion in
+its queues.
 
-The controller keeps the content of its queues when the motion connection ends, and runs it when the next one is
-accepted. So the motion connection is the last one to be made, and a stop of all groups is sent before it is closed.
+The controller keeps the content of its queues when the motion connection ends, and runs it when the
+next one is accepted. So the motion connection is the last one to be made, and a stop of all groups
+is sent before it is closed.
 """
 
 from unwrinkle.hardware.controller.feedback import FeedbackReader
 from unwrinkle.hardware.controller.lock import OwnerLock
 from unwrinkle.hardware.motoros.io_channel import IoChannel
 from unwrinkle.hardware.motoros.link import TcpLink
-from unwrinkle.hardware.motoros.motion_channel import MotionChannel, StopAndPart, stop_and_leave
+from unwrinkle.hardware.motoros.motion_channel import MotionChannel, StopAndClose, stop_and_leave
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.site import ControllerSite
 
@@ -22,7 +24,8 @@ class Connections:
         io: channel of inputs and outputs; None while there is none, or after it has failed.
         motion: channel of the motion connection; None before `open_motion`, or after it has failed.
         needs_io: whether the connection for inputs and outputs is made.
-        mode_requested: trajectory mode was requested over this motion connection, so that motion may be queued.
+        mode_requested: trajectory mode was requested over this motion connection, so that motion
+            may be queued.
         in_mode: the controller has confirmed trajectory mode.
     """
 
@@ -30,7 +33,7 @@ class Connections:
         """Prepare; nothing is connected before `open`."""
         self._site = site
         self._lock = lock
-        self._stopping: StopAndPart | None = None  # of a motion connection that has failed
+        self._stopping: StopAndClose | None = None  # of a motion connection that has failed
         self.links: dict[str, TcpLink] = {}
         self.state: FeedbackReader | None = None
         self.io: IoChannel | None = None
@@ -40,10 +43,12 @@ class Connections:
         self.in_mode = False
 
     def open(self) -> None:
-        """Acquire the owner's lock and connect to the state server, and to the I/O server if it is needed.
+        """Acquire the owner's lock and connect to the state server, and to the I/O server if it is
+        needed.
 
         Raises:
-            HardwareError: the robot is in use, or a server does not answer; then nothing stays connected.
+            HardwareError: the robot is in use, or a server does not answer; then nothing stays
+                connected.
         """
         self._lock.acquire()
         try:
@@ -69,7 +74,9 @@ class Connections:
         self.motion = MotionChannel(link, self._site.reply_timeout)
 
     def stop_motion(self, now: float) -> bool:
-        """Send STOP_MOTION to all groups, if motion may be queued and can be reached; return whether it is sent."""
+        """Send STOP_MOTION to all groups, if motion may be queued and can be reached; return
+        whether it is sent.
+        """
         if self.motion is None or not self.motion.open or not self.mode_requested:
             return False
         self.motion.stop(now)
@@ -79,11 +86,12 @@ class Connections:
         """End a motion connection whose replies cannot be trusted any more.
 
         Returns:
-            True if a stop of all groups is sent first (`poll` closes the connection), False if it is closed now.
+            True if a stop of all groups is sent first (`poll` closes the connection), False if it
+                is closed now.
         """
         self.motion = None
         if channel.open and self.mode_requested:
-            self._stopping = StopAndPart(self.links["motion"], now, waiting=not channel.quiet)
+            self._stopping = StopAndClose(self.links["motion"], now, waiting=not channel.quiet)
             return True
         self.links["motion"].close(reason)
         return False
@@ -104,7 +112,8 @@ class Connections:
             self._stopping = None
 
     def leave(self, *, moving: bool, mode: bool) -> None:
-        """Empty the queues if motion may be in them, and leave trajectory mode; blocks for about a second at most.
+        """Empty the queues if motion may be in them, and leave trajectory mode; blocks for about a
+        second at most.
 
         Args:
             moving: motion that was sent has not been run to rest.

@@ -2,14 +2,17 @@
 
 A fault latches. There are two ways to stop for it:
 
-- braking along the path, where the robot can still be commanded and observed well enough: the state connection failed or
-  is silent, the I/O connection failed, the log cannot be written, the driver is polled late too often;
-- one STOP_MOTION that stops all groups at once, for everything else: an axis off its path, impossible feedback (not
-  finite, beyond limits, a jump), emergency stop, teach mode, remote or servos off, an alarm, a point that the controller
-  refuses, a wrong, missing or overdue reply, a queue that has run out.
+- braking along the path, where the robot can still be commanded and observed well enough: the state
+  connection failed or is silent, the I/O connection failed, the log cannot be written, the driver
+  is polled late too often;
+- one STOP_MOTION that stops all groups at once, for everything else: an axis off its path,
+  impossible feedback (not finite, beyond limits, a jump), emergency stop, teach mode, remote or
+  servos off, an alarm, a point that the controller refuses, a wrong, missing or overdue reply, a
+  queue that has run out.
 
-Where the motion connection is lost nothing can be sent: the controller's servos brake, and **the content of its queues is
-run at the next motion connection**. So that connection is only made once the robot's status reports no motion.
+Where the motion connection is lost nothing can be sent: the controller's servos brake, and **the
+content of its queues is run at the next motion connection**. So that connection is only made once
+the robot's status reports no motion.
 """
 
 from dataclasses import dataclass
@@ -55,18 +58,21 @@ from unwrinkle.planning.trajectory import Trajectory
 
 #: Instruction where the controller reports motion although no motion connection exists.
 QUEUE_LEFT = (
-    "the robot moves, or its controller has motion left in its queues, and the next connection to its motion port would "
-    "run it: none was made. Keep clear; press HOLD on the pendant or turn its mode key (MotoROS 1.9.12 then empties the "
+    "the robot moves, or its controller has motion left in its queues, and the next connection to "
+    "its motion port would "
+    "run it: none was made. Keep clear; press HOLD on the pendant or turn its mode key (MotoROS "
+    "1.9.12 then empties the "
     "queues), or send a stop as the very first bytes with --clear-queue"
 )
 #: Instruction where a motion connection has just ended during motion.
 QUEUE_KEPT = (
-    "what is in the controller's queues stays there and would be run at the next connection: press HOLD on the pendant "
+    "what is in the controller's queues stays there and would be run at the next connection: press "
+    "HOLD on the pendant "
     "before anything connects again"
 )
 
 #: A controller in trajectory mode that was sent nothing for this long is asked for its state, s.
-HEARTBEAT_S = 1.0
+HEARTBEAT_PERIOD_S = 1.0
 #: Longest braking along the path; then all groups are stopped at once, s.
 LONGEST_BRAKING_S = 10.0
 #: Between two attempts to leave trajectory mode, s.
@@ -122,9 +128,12 @@ class ControllerDriver:
             site: addresses and settings.
             limits: of the axes; a trajectory beyond them is refused.
             log: records what is sent, measured and decided.
-            command: of the owner, shown to another program that finds the robot in use; the command line if empty.
-            io: whether the controller's inputs and outputs are needed; firmware before MotoROS 1.6.0 has no port for them.
-            full_speed: (13,) rad/s, of which the site's speed cap is a share; the limits' velocity if None.
+            command: of the owner, shown to another program that finds the robot in use; the command
+                line if empty.
+            io: whether the controller's inputs and outputs are needed; firmware before MotoROS
+                1.6.0 has no port for them.
+            full_speed: (13,) rad/s, of which the site's speed cap is a share; the limits' velocity
+                if None.
             lock_directory: of the owner's lock file; the user's runtime directory if None.
         """
         self.site = site
@@ -171,7 +180,9 @@ class ControllerDriver:
 
     @property
     def outputs_written(self) -> dict[int, int | None]:
-        """Last values that the controller has acknowledged for outputs; None where not answered yet, or refused."""
+        """Last values that the controller has acknowledged for outputs; None where not answered
+        yet, or refused.
+        """
         io = self._connections.io
         return {} if io is None else dict(io.written)
 
@@ -189,13 +200,16 @@ class ControllerDriver:
     # Connection
 
     def connect(self) -> None:
-        """Acquire the owner's lock and connect to the state server, and to the I/O server if it is needed.
+        """Acquire the owner's lock and connect to the state server, and to the I/O server if it is
+        needed.
 
-        The motion connection is made by `poll` once the robot's status has reported that the controller's queues are
-        empty, since the controller runs their content as soon as a client connects. While connected, nothing changes.
+        The motion connection is made by `poll` once the robot's status has reported that the
+        controller's queues are empty, since the controller runs their content as soon as a client
+        connects. While connected, nothing changes.
 
         Raises:
-            HardwareError: the robot is in use (by whom), or a server does not answer (host and port).
+            HardwareError: the robot is in use (by whom), or a server does not answer (host and
+                port).
         """
         if self.links:
             return
@@ -223,10 +237,11 @@ class ControllerDriver:
         self._publish()
 
     def abandon(self, text: str) -> None:
-        """Stop all groups, close every connection and latch a fault: for a driver that cannot go on itself.
+        """Stop all groups, close every connection and latch a fault: for a driver that cannot go on
+        itself.
 
-        The controller keeps its queues when the motion connection ends, so they are emptied first as far as possible; it
-        takes half a second at most.
+        The controller keeps its queues when the motion connection ends, so they are emptied first
+        as far as possible; it takes half a second at most.
         """
         self._state, self._reason, self._not_reset = FAULT, text, ""
         self._braking_since = None
@@ -237,11 +252,13 @@ class ControllerDriver:
     # Commands
 
     def run(self, number: int, trajectory: Trajectory, name: str = "") -> None:
-        """Run a trajectory from where the robot stands; one that cannot be run is refused with a reason.
+        """Run a trajectory from where the robot stands; one that cannot be run is refused with a
+        reason.
 
         Args:
             number: counts up with every command; a number seen before changes nothing.
-            trajectory: of all thirteen axes, from rest to rest, within the limits as it is sent (see `sent_samples`).
+            trajectory: of all thirteen axes, from rest to rest, within the limits as it is sent
+                (see `sent_samples`).
             name: for messages.
         """
         if number <= self._command:
@@ -268,7 +285,8 @@ class ControllerDriver:
         self._publish()
 
     def hold(self, number: int) -> None:
-        """Brake along the path to rest: `held`, or `ready` if that is the path's end. At rest it completes at once.
+        """Brake along the path to rest: `held`, or `ready` if that is the path's end. At rest it
+        completes at once.
 
         Args:
             number: counts up with every command.
@@ -325,12 +343,16 @@ class ControllerDriver:
         self._publish()
 
     def pause(self, reason: str) -> None:
-        """Brake along the path, if a trajectory runs, until a resume: for a watchdog over the driver's owner."""
+        """Brake along the path, if a trajectory runs, until a resume: for a watchdog over the
+        driver's owner.
+        """
         if self._state == RUNNING:
             self._hold(reason)
 
     def reset(self) -> None:
-        """Leave a fault, if the robot is at rest and its status permits; the trajectory cannot be resumed."""
+        """Leave a fault, if the robot is at rest and its status permits; the trajectory cannot be
+        resumed.
+        """
         if self._state != FAULT:
             return
         problem = self._cannot_reset()
@@ -342,9 +364,10 @@ class ControllerDriver:
         self._publish()
 
     def set_override(self, value: float) -> None:
-        """Run at a share of the planned speed, 0 to 1, from now on; another value is refused and changes nothing.
+        """Run at a share of the planned speed, 0 to 1, from now on; another value is refused and
+        changes nothing.
 
-        Shares just below 1 are run at `path_clock.NEARLY`.
+        Shares just below 1 are run at `path_clock.HIGHEST_REDUCED_RATE`.
         """
         if not 0.0 <= value <= 1.0:
             if self._state != FAULT:
@@ -528,7 +551,7 @@ class ControllerDriver:
             self._connections.in_mode
             and channel is not None
             and channel.quiet
-            and now - channel.used > HEARTBEAT_S
+            and now - channel.used > HEARTBEAT_PERIOD_S
             and self._state in (READY, HELD, RUNNING)
         ):
             channel.control(Command.CHECK_MOTION_READY, now)
@@ -556,7 +579,10 @@ class ControllerDriver:
             missing = "" if reader is None else reader.missing
             text = "the robot's status says 'unknown'" if robot else "no status has come"
             if self.feedback is None:
-                text = f"no feedback has come of groups {missing}; compare the site's groups and profile with the controller's"
+                text = (
+                    f"no feedback has come of groups {missing}; compare the site's groups and "
+                    "profile with the controller's"
+                )
             elif known:
                 self._fault(Finding(FaultCause.QUEUE, QUEUE_LEFT))
                 return
@@ -614,7 +640,9 @@ class ControllerDriver:
             self._event("held", text)
 
     def _stopping(self, now: float) -> None:
-        """Come to rest, then leave trajectory mode; refused while queues are not empty, so the request is repeated."""
+        """Come to rest, then leave trajectory mode; refused while queues are not empty, so the
+        request is repeated.
+        """
         motion, channel = self._motion, self._connections.motion
         if motion is not None:
             motion.stream.poll(now)
@@ -676,7 +704,9 @@ class ControllerDriver:
         motion.stream.clock.set_rate(0.0)
 
     def _arrived(self, now: float, motion: Motion) -> bool:
-        """Return whether the robot is at rest at the last point sent; latch a fault if it should have been."""
+        """Return whether the robot is at rest at the last point sent; latch a fault if it should
+        have been.
+        """
         assert self.feedback is not None
         if motion.arrived(now, self.feedback):
             return True
@@ -687,7 +717,7 @@ class ControllerDriver:
     # Faults
 
     def _fault(self, finding: Finding) -> None:
-        """Latch a fault; brake along the path where that is possible, else stop all groups at once."""
+        """Latch a fault; brake along the path if possible, else stop all groups at once."""
         if self._state == OFFLINE:
             return
         latched = self._state == FAULT
@@ -712,7 +742,9 @@ class ControllerDriver:
             self._event("stop", "all groups stopped at once")
 
     def _motion_lost(self, channel: MotionChannel, text: str, now: float) -> None:
-        """Latch a fault for a failed motion connection; stop all groups before it is closed, if it is still open."""
+        """Latch a fault for a failed motion connection; stop all groups before it is closed, if it
+        is still open.
+        """
         moving = self._moving(now)
         if self._motion is not None:
             self._motion.stream.stop()
@@ -720,7 +752,8 @@ class ControllerDriver:
             self._event("stop", "all groups stopped at once, then the motion connection is closed")
             if moving:
                 text = (
-                    f"{text}; a stop of all groups is sent before the connection is closed, whether it is carried out is "
+                    f"{text}; a stop of all groups is sent before the connection is closed, "
+                    "whether it is carried out is "
                     "not known: `unwrinkle site check` tells whether motion is left in the queues"
                 )
         else:

@@ -1,4 +1,6 @@
-"""The state connection: complete sets of joint feedback from the groups' messages, and the robot's status."""
+"""The state connection: complete sets of joint feedback from the groups' messages, and the robot's
+status.
+"""
 
 import numpy as np
 
@@ -50,7 +52,8 @@ class FeedbackReader:
         return ", ".join(absent)
 
     def poll(self, now: float) -> list[JointFeedback]:
-        """Return the complete sets that have come, oldest first, without those not newer than the set before.
+        """Return the complete sets that have come, oldest first, without those not newer than the
+        set before.
 
         Raises:
             ConnectionLostError: the connection has ended.
@@ -110,7 +113,9 @@ class FeedbackReader:
         return self._set(parts, now)
 
     def _part(self, body: FeedbackBody, now: float) -> JointFeedback | None:
-        """Add the feedback of one group; return the set once all groups have come with the same time."""
+        """Add the feedback of one group; return the set once all groups have come with the same
+        time.
+        """
         if not 0 <= body.group < len(self._site.groups):
             raise ProtocolError(
                 f"the controller gives feedback of group {body.group}, the site has "
@@ -143,7 +148,8 @@ class FeedbackReader:
                 raise ProtocolError(f"feedback of group {k} ({name}) has no positions")
             if any(body.positions[size:]):
                 raise ProtocolError(
-                    f"feedback of group {k} ({name}) has more than {size} axes; compare the site's groups with "
+                    f"feedback of group {k} ({name}) has more than {size} axes; compare the site's "
+                    "groups with "
                     "the controller's"
                 )
             positions[axes] = body.positions[:size]
@@ -161,9 +167,11 @@ class FeedbackReader:
 
 
 def interval(last: JointFeedback, now: float, stamp: float | None, period: float) -> float:
-    """Return the time between a set of feedback and the next, s, on the controller's clock where it sends one.
+    """Return the time between a set of feedback and the next, s, on the controller's clock where it
+    sends one.
 
-    Sets that waited for a late reader are received together, so they count as at least half a period apart.
+    Sets that waited for a late reader are received together, so they count as at least half a
+    period apart.
     """
     if stamp is not None and last.stamp is not None:
         return max(stamp - last.stamp, 1e-3)

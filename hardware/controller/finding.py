@@ -1,4 +1,6 @@
-"""A condition that stops the robot: its cause, a sentence for the user, and how the robot is stopped for it."""
+"""A condition that stops the robot: its cause, a sentence for the user, and how the robot is
+stopped for it.
+"""
 
 from dataclasses import dataclass
 from enum import StrEnum

@@ -1,4 +1,6 @@
-"""A run log whose failure is a state that the driver reads, instead of an exception in the middle of a poll."""
+"""A run log whose failure is a state that the driver reads, instead of an exception in the middle
+of a poll.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -36,7 +38,7 @@ class GuardedLog:
         self._write(self._log.event, now, kind, text, **data)
 
     def status(self, now: float, status: DriverStatus) -> None:
-        """Record the status if its state, commands, reason, override or robot status have changed."""
+        """Record the status if state, commands, reason, override or robot status changed."""
         if self._last_status is None or _key(status) != _key(self._last_status):
             self._last_status = status
             self._write(self._log.status, now, status)

@@ -14,13 +14,17 @@ from unwrinkle.models.errors import HardwareError, InUseError
 
 
 def lock_directory() -> Path:
-    """Return the folder of lock files: the user's runtime directory, or the system's folder of temporary files."""
+    """Return the folder of lock files: the user's runtime directory, or the system's folder of
+    temporary files.
+    """
     runtime = os.environ.get("XDG_RUNTIME_DIR", "")
     return Path(runtime) if runtime and Path(runtime).is_dir() else Path(tempfile.gettempdir())
 
 
 class OwnerLock:
-    """Held by the process that commands a robot; the operating system releases it when the process ends for any reason."""
+    """Held by the process that commands a robot; the operating system releases it when the process
+    ends for any reason.
+    """
 
     def __init__(
         self, host: str, port: int, command: str = "", directory: Path | None = None
@@ -56,7 +60,8 @@ class OwnerLock:
             file = open(self.path, "a+", encoding="utf-8")  # noqa: SIM115 - held until released
         except OSError as error:
             raise HardwareError(
-                f"the lock of the robot at {self._what} cannot be opened: {self.path}: {error.strerror}; "
+                f"the lock of the robot at {self._what} cannot be opened: {self.path}: "
+                f"{error.strerror}; "
                 "set XDG_RUNTIME_DIR to a folder of yours"
             ) from None
         try:
@@ -65,7 +70,8 @@ class OwnerLock:
             owner = _owner(file)
             file.close()
             raise InUseError(
-                f"the robot at {self._what} is in use: {owner}; end that first (lock file {self.path})",
+                f"the robot at {self._what} is in use: {owner}; end that first (lock file "
+                f"{self.path})",
                 owner,
             ) from None
         file.truncate(0)

@@ -1,4 +1,4 @@
-"""Checks of feedback, following error, robot status and poll times; each returns a finding or None."""
+"""Checks of feedback, following error, robot status and poll times, as findings or None."""
 
 from collections import deque
 
@@ -7,7 +7,7 @@ import numpy as np
 from unwrinkle.hardware.controller.feedback import interval
 from unwrinkle.hardware.controller.finding import FaultCause, Finding
 from unwrinkle.hardware.controller_state import JointFeedback, RobotStatus
-from unwrinkle.hardware.streaming.stream import GROUP_AXES, PointStream, most_lag
+from unwrinkle.hardware.streaming.stream import GROUP_AXES, PointStream, longest_searched_lag
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.limits import Limits
 from unwrinkle.models.site import ControllerSite
@@ -16,17 +16,19 @@ from unwrinkle.models.site import ControllerSite
 AXIS_NAMES = ("ext_axis", *(f"{arm}_{axis}" for arm in ("r1", "r2") for axis in "slurbt"))
 
 #: Largest excess of feedback over a position limit, rad.
-BEYOND = 5e-3
+LIMIT_EXCESS_RAD = 5e-3
 #: A step of feedback is impossible beyond this multiple of the velocity limit ...
 _JUMP_FACTOR = 1.5
 #: ... and this much more, rad.
 _JUMP_ROOM_RAD = 5e-3
 #: Resolution of the lag search, s.
 _LAG_STEP_S = 0.001
-#: Allowed beyond the site's latency: one interpolation period until a point is begun, and the age of the feedback, s.
-LATENCY_ROOM = 0.035
-#: Largest difference of the control groups' lags, s: a group may begin one interpolation period after another.
-GROUP_SKEW = 0.009
+#: Allowed beyond the site's latency: one interpolation period until a point is begun, and the age
+#: of the feedback, s.
+LATENCY_MARGIN_S = 0.035
+#: Largest difference of the control groups' lags, s: a group may begin one interpolation period
+#: after another.
+GROUP_LAG_SKEW_S = 0.009
 #: Distance of the lags that a lag is compared with, s; at rest every lag fits.
 _LAG_APART_S = 0.02
 #: A lag is measured if the compared lags fit worse by this sum over the axes, rad.
@@ -46,7 +48,8 @@ class Monitor:
 
     Attributes:
         late: polls later than the site allows, since the motion began.
-        following_error: largest distance of an axis from its commanded path with the lag removed, rad.
+        following_error: largest distance of an axis from its commanded path with the lag removed,
+            rad.
         lag: of the feedback behind the commands, s; smoothed, 0 before it was measured.
     """
 
@@ -54,8 +57,8 @@ class Monitor:
         """Check with a site's settings and the robot's limits."""
         self._site = site
         self._limits = limits
-        self._lags = np.arange(0.0, most_lag(site) + 0.5 * _LAG_STEP_S, _LAG_STEP_S)
-        self._allowed = int((self._lags <= site.latency + LATENCY_ROOM).sum())
+        self._lags = np.arange(0.0, longest_searched_lag(site) + 0.5 * _LAG_STEP_S, _LAG_STEP_S)
+        self._allowed = int((self._lags <= site.latency + LATENCY_MARGIN_S).sum())
         self._fits: deque[float] = deque(maxlen=6)
         self._begin: Array | None = None
         self.late = 0
@@ -83,7 +86,8 @@ class Monitor:
             return None
         return Finding(
             FaultCause.LATE,
-            f"the driver was polled late {self.late} times (by more than {1e3 * self._site.late:.0f} ms), at most "
+            f"the driver was polled late {self.late} times (by more than "
+            f"{1e3 * self._site.late:.0f} ms), at most "
             f"{self._site.late_budget}; is this machine too busy?",
             brake=True,
         )
@@ -96,12 +100,13 @@ class Monitor:
             return Finding(FaultCause.FEEDBACK, f"feedback of {axis} is not a finite number")
         beyond = np.maximum(q - self._limits.upper, self._limits.lower - q)
         axis_index = int(beyond.argmax())
-        if beyond[axis_index] > BEYOND:
+        if beyond[axis_index] > LIMIT_EXCESS_RAD:
             low, high = self._limits.lower[axis_index], self._limits.upper[axis_index]
             hint = "; are these degrees?" if np.abs(q).max() > 4.0 else ""
             return Finding(
                 FaultCause.FEEDBACK,
-                f"feedback says {AXIS_NAMES[axis_index]} stands at {q[axis_index]:.4f} rad, its limits are "
+                f"feedback says {AXIS_NAMES[axis_index]} stands at {q[axis_index]:.4f} rad, its "
+                "limits are "
                 f"{low:.4f} and {high:.4f} rad{hint}",
             )
         if last is None:
@@ -117,7 +122,8 @@ class Monitor:
             hint = "are these degrees?" if degrees else "check its encoder"
             return Finding(
                 FaultCause.JUMP,
-                f"feedback of {AXIS_NAMES[axis_index]} jumped by {moved:.4f} rad in {1e3 * step:.0f} ms, at most "
+                f"feedback of {AXIS_NAMES[axis_index]} jumped by {moved:.4f} rad in "
+                f"{1e3 * step:.0f} ms, at most "
                 f"{room[axis_index]:.4f} rad is possible; {hint}",
             )
         return None
@@ -128,7 +134,8 @@ class Monitor:
         off = np.abs(
             stream.commanded_to(stream.reckoned(feedback.received) - lags) - feedback.positions
         )
-        # One lag fits all axes together, so that an axis off its path is not taken for a lagging one.
+        # One lag fits all axes together, so that an axis off its path is not taken for a lagging
+        # one.
         sums = off.sum(axis=1)
         best = int(sums[: self._allowed].argmin())
         fits = int(sums.argmin())
@@ -144,12 +151,16 @@ class Monitor:
             return None
         axis = int(errors.argmax())
         text = (
-            f"{AXIS_NAMES[axis]} is {error:.4f} rad off its path at {stream.progress(feedback.received):.3f} s, at "
+            f"{AXIS_NAMES[axis]} is {error:.4f} rad off its path at "
+            f"{stream.progress(feedback.received):.3f} s, at "
             f"most {site.following:g} rad (lags up to {1e3 * site.latency:.0f} ms taken out)"
         )
         name, axes = next((n, a) for n, a in GROUP_AXES.items() if a.start <= axis < a.stop)
         if np.abs(feedback.positions - self._begin)[axes].max() < _STILL_RAD:
-            text += f"; {name} has not moved at all: does the firmware move it (controller.groups_moved)?"
+            text += (
+                f"; {name} has not moved at all: does the firmware move it "
+                "(controller.groups_moved)?"
+            )
         elif off[fits].max() <= site.following and self._proposes(sums, fits):
             text += (
                 f"; a lag of {1e3 * lags[fits]:.0f} ms would fit: if that is the controller's own, "
@@ -159,8 +170,10 @@ class Monitor:
 
     @staticmethod
     def _errors(off: Array, best: int) -> Array:
-        """Return the distances (13,) of the axes from their path, rad, each group at its own lag within `GROUP_SKEW` of the best."""
-        near = round(GROUP_SKEW / _LAG_STEP_S)
+        """Return the distances (13,) of the axes from their path, rad, each group at its own lag
+        within `GROUP_LAG_SKEW_S` of the best.
+        """
+        near = round(GROUP_LAG_SKEW_S / _LAG_STEP_S)
         window = off[max(best - near, 0) : best + near + 1]
         errors = np.empty(off.shape[1])
         for axes in GROUP_AXES.values():
@@ -168,13 +181,15 @@ class Monitor:
         return errors
 
     def _proposes(self, sums: Array, fits: int) -> bool:
-        """Return whether a lag may be the controller's own: it is distinct, and it does not grow."""
+        """Return whether a lag may be the controller's own: distinct, and not growing."""
         grows = len(self._fits) > 0 and float(self._lags[fits]) - min(self._fits) > _LAG_SPREAD_S
         return self._shows(sums, fits, _LAG_PROPOSED_RAD) and not grows
 
     @staticmethod
     def _shows(sums: Array, fits: int, by: float) -> bool:
-        """Return whether the best lag, an index of `sums` (n,), rad, fits better than those `_LAG_APART_S` away."""
+        """Return whether the best lag, an index of `sums` (n,), rad, fits better than those
+        `_LAG_APART_S` away.
+        """
         apart = round(_LAG_APART_S / _LAG_STEP_S)
         if fits + apart >= len(sums):  # longer lags were not searched
             return False
@@ -193,7 +208,9 @@ class Monitor:
         )
 
     def robot(self, status: RobotStatus | None, moving: bool) -> Finding | None:
-        """Check the robot's status while a trajectory is under way; `moving`: motion was possible before."""
+        """Check the robot's status while a trajectory is under way; `moving`: motion was possible
+        before.
+        """
         if status is None:
             return None
         if status.problem:
@@ -204,6 +221,7 @@ class Monitor:
         if moving and status.motion_possible == 0:
             return Finding(
                 FaultCause.ROBOT,
-                "the controller says that motion is not possible any more: hold pressed, remote off, or its job ended?",
+                "the controller says that motion is not possible any more: hold pressed, remote "
+                "off, or its job ended?",
             )
         return None

@@ -1,4 +1,6 @@
-"""The motion under way: the point stream of one trajectory, the commands that it completes, and its arrival."""
+"""The motion under way: the point stream of one trajectory, the commands that it completes, and its
+arrival.
+"""
 
 from dataclasses import dataclass
 
@@ -40,7 +42,8 @@ class Motion:
     was_possible: bool = False
 
     def arrived(self, now: float, feedback: JointFeedback) -> bool:
-        """Return whether feedback that came since the motion ended shows the robot at rest at its last point.
+        """Return whether feedback that came since the motion ended shows the robot at rest at its
+        last point.
 
         Args:
             now: driver's clock, s; the first call marks the motion's end.
@@ -74,5 +77,7 @@ class Motion:
         return np.abs(feedback.positions - last.positions)
 
     def _tolerance(self) -> Array:
-        """Return the largest distance at which an axis has arrived, (13,) rad: the next motion begins there."""
+        """Return the largest distance at which an axis has arrived, (13,) rad: the next motion
+        begins there.
+        """
         return np.minimum(self.site.start_tolerances, ARRIVED_POSITION_RAD)

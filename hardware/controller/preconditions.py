@@ -1,4 +1,6 @@
-"""What has to hold before a command is carried out: each check gives the reason for a refusal, empty if there is none."""
+"""What has to hold before a command is carried out: each check gives the reason for a refusal,
+empty if there is none.
+"""
 
 from dataclasses import dataclass
 
@@ -49,7 +51,9 @@ class Preconditions:
         self._speed_cap = speed_cap
 
     def most_override(self, trajectory: Trajectory) -> float:
-        """Return the share of a trajectory's speed that the controller's speed governor allows, up to 1."""
+        """Return the share of a trajectory's speed that the controller's speed governor allows, up
+        to 1.
+        """
         used = float(speed_shares([trajectory], self._speed_cap).max())
         return 1.0 if used <= 1.0 else 1.0 / used
 
@@ -60,15 +64,17 @@ class Preconditions:
         )
 
     def _firmware(self, trajectory: Trajectory, override: float) -> str:
-        """Check for what the controller would take and not carry out, or refuse during the motion."""
+        """Check for groups that the firmware does not move, and for its speed governor."""
         if still := unmoved_group([trajectory], self._site.groups_moved):
             return still
         most = self.most_override(trajectory)
         if not override <= most:
             axis = int(speed_shares([trajectory], self._speed_cap).argmax())
             return (
-                f"{AXIS_NAMES[axis]} is to move at {override / most:.2f} of what the controller's speed governor "
-                f"allows (controller.speed_cap {self._site.speed_cap:g}); at most {most:.3f} of the planned speed"
+                f"{AXIS_NAMES[axis]} is to move at {override / most:.2f} of what the controller's "
+                "speed governor "
+                f"allows (controller.speed_cap {self._site.speed_cap:g}); at most {most:.3f} of "
+                "the planned speed"
             )
         return ""
 
@@ -83,7 +89,9 @@ class Preconditions:
         return self._monitor.stands(view.feedback, trajectory.positions[0])
 
     def resume(self, view: RobotView, stream: PointStream, *, braking: bool) -> str:
-        """Check that a held motion can go on; while it is still `braking` the robot need not stand anywhere."""
+        """Check that a held motion can go on; while it is still `braking` the robot need not stand
+        anywhere.
+        """
         last = stream.clock.last
         if stream.clock.done or last is None:
             return "the trajectory is at its end"
@@ -98,7 +106,9 @@ class Preconditions:
         return self._monitor.stands(view.feedback, last.positions)
 
     def reset(self, view: RobotView) -> str:
-        """Check that the robot is at rest and its status permits leaving a fault; an alarm may be cleared."""
+        """Check that the robot is at rest and its status permits leaving a fault; an alarm may be
+        cleared.
+        """
         if view.feedback is None or view.age > self._site.hold_after:
             return "feedback is missing or old"
         speed = abs(view.feedback.velocities).max()

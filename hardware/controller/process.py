@@ -1,8 +1,9 @@
-"""The controller's driver in a process of its own, so that it is polled on time whatever the program computes.
+"""The controller's driver in a process of its own, so that it is polled on time whatever the
+program computes.
 
-A Python program that renders, matches images or collects garbage stops all of its threads for tenths of a second, which is
-longer than the robot's queue lasts. If the parent process dies for any reason, the child stops the robot along its path
-and disconnects.
+A Python program that renders, matches images or collects garbage stops all of its threads for
+tenths of a second, which is longer than the robot's queue lasts. If the parent process dies for any
+reason, the child stops the robot along its path and disconnects.
 """
 
 import contextlib
@@ -40,8 +41,9 @@ from unwrinkle.models.site import ControllerSite
 _LONGEST_START_S = 30.0
 #: Longest wait for a report of the process, s.
 _LONGEST_ANSWER_S = 3.0
-#: A program that calls nothing for this long while its robot moves is taken to hang, and the robot is held, s.
-SILENCE = 2.0
+#: A program that calls nothing for this long while its robot moves is taken to hang, and the robot
+#: is held, s.
+LONGEST_SILENCE_S = 2.0
 #: Between two reports while waiting, s.
 _WAIT_PERIOD_S = 0.01
 
@@ -49,8 +51,8 @@ _WAIT_PERIOD_S = 0.01
 class DriverProcess(DriverProxy):
     """Has a driver polled by another process until it is closed.
 
-    While the robot moves, a method has to be called at least every `SILENCE` seconds (`wait` does so): otherwise the
-    program is taken to hang, and the robot is held.
+    While the robot moves, a method has to be called at least every `LONGEST_SILENCE_S` seconds
+    (`wait` does so): otherwise the program is taken to hang, and the robot is held.
     """
 
     def __init__(
@@ -71,7 +73,8 @@ class DriverProcess(DriverProxy):
             log: file of a run log that has been created; both processes append to it.
             command: name of the lock's owner.
             io: whether the controller's inputs and outputs are needed.
-            full_speed: (13,) rad/s, of which the site's speed cap is a share; the limits' velocity if None.
+            full_speed: (13,) rad/s, of which the site's speed cap is a share; the limits' velocity
+                if None.
         """
         owner = f"{command or 'a program'}, process {os.getpid()}"
         self._arguments = (site, limits, log, owner, io, full_speed)
@@ -85,7 +88,8 @@ class DriverProcess(DriverProxy):
         """Start the process and connect; a second call changes nothing.
 
         Raises:
-            HardwareError: the robot is in use, a server does not answer, or the process does not start.
+            HardwareError: the robot is in use, a server does not answer, or the process does not
+                start.
         """
         with self._lock:
             if self._process is not None:
@@ -106,7 +110,9 @@ class DriverProcess(DriverProxy):
                 raise HardwareError(problem)
 
     def close(self) -> None:
-        """Hold, wait for rest (bounded), leave trajectory mode, disconnect; a second call changes nothing."""
+        """Hold, wait for rest (bounded), leave trajectory mode, disconnect; a second call changes
+        nothing.
+        """
         with self._lock:
             if self._process is None:
                 return
@@ -130,7 +136,9 @@ class DriverProcess(DriverProxy):
         return self._ask()
 
     def wait(self, predicate: Callable[[DriverStatus], bool], timeout: float) -> bool:
-        """Wait at most `timeout`, s of real time, until the status fulfils `predicate`; return whether it does."""
+        """Wait at most `timeout`, s of real time, until the status fulfils `predicate`; return
+        whether it does.
+        """
         end = time.monotonic() + timeout
         while not predicate(self.status):
             if time.monotonic() > end:
@@ -154,7 +162,8 @@ class DriverProcess(DriverProxy):
             problem = problem or self._answer(_LONGEST_ANSWER_S)
             if problem:
                 self._end()
-                # A process that ended by itself has braked and disconnected; one that was killed has not.
+                # A process that ended by itself has braked and disconnected; one that was killed
+                # has not.
                 left = self._process is not None and (self._process.returncode or 0) >= 0
                 after = "it braked, and left the controller" if left else QUEUE_KEPT
                 status = DriverStatus(
@@ -167,7 +176,7 @@ class DriverProcess(DriverProxy):
             return self._last
 
     def _answer(self, deadline: float) -> str:
-        """Receive a report within `deadline`, s; return why there is none, empty if there is one."""
+        """Receive a report within `deadline`, s; return why there is none, else empty."""
         connection = self._connection
         assert connection is not None
         try:
@@ -225,8 +234,8 @@ def serve(connection: "Connection[Any, Any]") -> None:
 
 def _obey(connection: "Connection[Any, Any]", thread: DriverThread) -> None:
     while True:
-        while not connection.poll(SILENCE):
-            thread.pause(f"the program has said nothing for {SILENCE:g} s; does it hang?")
+        while not connection.poll(LONGEST_SILENCE_S):
+            thread.pause(f"the program has said nothing for {LONGEST_SILENCE_S:g} s; does it hang?")
         name, arguments = connection.recv()
         if name == "close":
             return

@@ -1,4 +1,6 @@
-"""The commands and reports of a `ControllerDriver` that is polled elsewhere: in a thread, or in another process."""
+"""The commands and reports of a `ControllerDriver` that is polled elsewhere: in a thread, or in
+another process.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -21,7 +23,8 @@ COMMANDS = (
     "write_output",
     "read_input",
 )
-#: Longest wait for rest when a driver is closed, s; a hold takes well under a second, at most several.
+#: Longest wait for rest when a driver is closed, s; a hold takes well under a second, at most
+#: several.
 LONGEST_CLOSE_S = 8.0
 
 
@@ -39,8 +42,8 @@ class DriverReport:
 class DriverProxy(ABC):
     """Commands a driver from any thread.
 
-    As a context manager it connects at the start; at the end, also after an exception, it holds, waits for rest and
-    disconnects.
+    As a context manager it connects at the start; at the end, also after an exception, it holds,
+    waits for rest and disconnects.
     """
 
     @abstractmethod
@@ -53,7 +56,9 @@ class DriverProxy(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Hold, wait for rest (bounded), leave trajectory mode, disconnect; a second call changes nothing."""
+        """Hold, wait for rest (bounded), leave trajectory mode, disconnect; a second call changes
+        nothing.
+        """
 
     @abstractmethod
     def report(self) -> DriverReport:
@@ -61,7 +66,9 @@ class DriverProxy(ABC):
 
     @abstractmethod
     def wait(self, predicate: Callable[[DriverStatus], bool], timeout: float) -> bool:
-        """Wait at most `timeout`, s of real time, until the status fulfils `predicate`; return whether it does."""
+        """Wait at most `timeout`, s of real time, until the status fulfils `predicate`; return
+        whether it does.
+        """
 
     @abstractmethod
     def _call(self, command: str, *arguments: object) -> None:
@@ -98,7 +105,9 @@ class DriverProxy(ABC):
 
     @property
     def outputs_written(self) -> dict[int, int | None]:
-        """Last values that the controller has acknowledged for outputs, by address; None where it has not."""
+        """Last values that the controller has acknowledged for outputs, by address; None where it
+        has not.
+        """
         return self.report().outputs_written
 
     @property

@@ -77,7 +77,9 @@ class DriverThread(DriverProxy):
         self._thread.start()
 
     def close(self) -> None:
-        """Hold, wait for rest (bounded), leave trajectory mode, disconnect; a second call changes nothing."""
+        """Hold, wait for rest (bounded), leave trajectory mode, disconnect; a second call changes
+        nothing.
+        """
         if self._thread is not None:
             moving = (STARTING, RUNNING, HOLDING, STOPPING)
             if self.status.state in moving and self._thread.is_alive():
@@ -95,7 +97,9 @@ class DriverThread(DriverProxy):
             self._changed.notify_all()
 
     def wait(self, predicate: Callable[[DriverStatus], bool], timeout: float) -> bool:
-        """Wait at most `timeout`, s of real time, until the status fulfils `predicate`; return whether it does."""
+        """Wait at most `timeout`, s of real time, until the status fulfils `predicate`; return
+        whether it does.
+        """
         end = time.monotonic() + timeout
         with self._changed:
             while not predicate(self._driver.status):
@@ -132,7 +136,9 @@ class DriverThread(DriverProxy):
             self._pause()
 
     def _pause(self) -> None:
-        """Wait for a period, or until the controller sends something: the next point waits for its reply."""
+        """Wait for a period, or until the controller sends something: the next point waits for its
+        reply.
+        """
         links = [link for link in self._driver.links.values() if not link.closed]
         try:
             if links:

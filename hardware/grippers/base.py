@@ -1,4 +1,6 @@
-"""Interface of the two grippers, and the stroke that all of them share: sent, confirmed within a deadline, or failed."""
+"""Interface of the two grippers, and the stroke that all of them share: sent, confirmed within a
+deadline, or failed.
+"""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -11,8 +13,9 @@ from unwrinkle.models.site import GripperSite
 SIDES = ("right", "left")
 
 #: Between two reads of inputs and positions, s.
-READ_PERIOD = 0.05
-#: A stroke is done once its sensors have confirmed it for this long, s: each of them is read again meanwhile.
+READ_PERIOD_S = 0.05
+#: A stroke is done once its sensors have confirmed it for this long, s: each of them is read again
+#: meanwhile.
 _CONFIRM_TIME_S = 0.15
 
 
@@ -66,7 +69,9 @@ class DigitalIo(Protocol):
 
     @property
     def outputs_written(self) -> dict[int, int | None]:
-        """Last value that the controller has acknowledged for each output; None where it has not answered yet."""
+        """Last value that the controller has acknowledged for each output; None where it has not
+        answered yet.
+        """
         ...
 
     @property
@@ -84,10 +89,11 @@ class DigitalIo(Protocol):
 
 
 class GripperPair(ABC):
-    """A stroke of both grippers: sent, repeated at half its deadline, done when both confirm it, or failed.
+    """A stroke of both grippers: sent, repeated at half its deadline, done when both confirm it, or
+    failed.
 
-    A stroke that is not confirmed within the site's `timeout` sets the reason in the status until the next command. Commands
-    name the state, open or closed, so repeating one is harmless.
+    A stroke that is not confirmed within the site's `timeout` sets the reason in the status until
+    the next command. Commands name the state, open or closed, so repeating one is harmless.
     """
 
     def __init__(self, site: GripperSite) -> None:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from unwrinkle.hardware.grippers.base import READ_PERIOD, SIDES, GripperPair
+from unwrinkle.hardware.grippers.base import READ_PERIOD_S, SIDES, GripperPair
 from unwrinkle.models.errors import ConnectionLostError, HardwareError
 from unwrinkle.models.site import GripperSite
 
@@ -22,14 +22,14 @@ OPENING = 0x01
 CALIBRATED = 0x02
 CLOSING = 0x20
 #: Position of closed blades, parts in ten thousand; that of open ones is 0.
-FULL = 10000
+CLOSED_POSITION = 10000
 
 #: ASSUMED: largest position of an open gripper, parts in ten thousand.
 _OPEN_WITHIN = 300
 #: ASSUMED: least position of a closed gripper, parts in ten thousand.
 _CLOSED = 5000
-#: ASSUMED, since the frame that reports held cloth is not public: least distance from full closure at which blades stop
-#: with cloth between them, parts in ten thousand.
+#: ASSUMED, since the frame that reports held cloth is not public: least distance from full closure
+#: at which blades stop with cloth between them, parts in ten thousand.
 _CLOTH = 30
 #: Age beyond which a reported position is not used, s.
 _LONGEST_AGE_S = 0.5
@@ -96,7 +96,8 @@ def open_can_bus(site: GripperSite) -> CanBus:
         bus: CanBus = can.Bus(interface=site.interface, channel=site.channel, bitrate=site.bitrate)
     except (can.CanError, OSError, ValueError, ImportError, NotImplementedError) as error:
         raise ConnectionLostError(
-            f"cannot open CAN interface {site.interface}, channel {site.channel}, at {site.bitrate} bit/s: "
+            f"cannot open CAN interface {site.interface}, channel {site.channel}, at "
+            f"{site.bitrate} bit/s: "
             f"{error}; is the adapter plugged in, and its driver loaded?"
         ) from None
     return bus
@@ -105,7 +106,8 @@ def open_can_bus(site: GripperSite) -> CanBus:
 class CanGrippers(GripperPair):
     """Both grippers on one bus.
 
-    ASSUMED: replies carry the limb's code and the component of motor or sensors in their identifier, as commands do.
+    ASSUMED: replies carry the limb's code and the component of motor or sensors in their
+    identifier, as commands do.
     """
 
     def __init__(self, site: GripperSite, bus: CanBus, *, stroke: float | None = None) -> None:
@@ -124,7 +126,7 @@ class CanGrippers(GripperPair):
 
     @property
     def limbs(self) -> tuple[LimbReport | None, LimbReport | None]:
-        """Last states of the right and the left gripper; None for one that has not reported lately."""
+        """Last states of the right and left gripper; None if it has not reported lately."""
         right, left = (self._limb(index) for index in range(2))
         return right, left
 
@@ -134,7 +136,7 @@ class CanGrippers(GripperPair):
             return None
         position, bits = known
         return LimbReport(
-            position / FULL, bool(bits & CALIBRATED), bool(bits & (OPENING | CLOSING))
+            position / CLOSED_POSITION, bool(bits & CALIBRATED), bool(bits & (OPENING | CLOSING))
         )
 
     def close(self) -> None:
@@ -154,7 +156,8 @@ class CanGrippers(GripperPair):
 
     def _broken(self, error: Exception) -> HardwareError:
         return ConnectionLostError(
-            f"CAN bus {self._site.channel} fails: {error}; check its cable, its termination and the "
+            f"CAN bus {self._site.channel} fails: {error}; check its cable, its termination and "
+            "the "
             "grippers' supply"
         )
 
@@ -169,7 +172,7 @@ class CanGrippers(GripperPair):
                 break
             self._take(frame)
         if now >= self._next_ask:
-            self._next_ask = now + READ_PERIOD
+            self._next_ask = now + READ_PERIOD_S
             for index in range(2):
                 self._transmit(index, GET_POSITION)
 
@@ -181,7 +184,7 @@ class CanGrippers(GripperPair):
         if len(data) != 6 or data[0] != GET_POSITION:
             return
         position = int.from_bytes(data[1:3], "big")
-        if position <= FULL:
+        if position <= CLOSED_POSITION:
             self._heard[self._site.limbs.index(limb)] = (position, data[5], self._now)
 
     def _send(self, index: int, closed: bool) -> None:
@@ -204,12 +207,18 @@ class CanGrippers(GripperPair):
             )
         position, bits = known
         if not bits & CALIBRATED:
-            return f"the {side} gripper's position is not calibrated; calibrate it (command 0E moves it)"
+            return (
+                f"the {side} gripper's position is not calibrated; "
+                "calibrate it (command 0E moves it)"
+            )
         moves = bits & (OPENING | CLOSING)
         there = position >= _CLOSED if closed else position <= _OPEN_WITHIN
         if moves or not there:
             word = "closed" if closed else "open"
-            return f"the {side} gripper is not {word}: it stands at {position / 100:g} % of its closure"
+            return (
+                f"the {side} gripper is not {word}: "
+                f"it stands at {position / 100:g} % of its closure"
+            )
         return ""
 
     def _closed(self, index: int) -> bool:
@@ -220,11 +229,11 @@ class CanGrippers(GripperPair):
         known = self._known(index)
         if known is None:
             return None
-        return _CLOSED <= known[0] <= FULL - _CLOTH
+        return _CLOSED <= known[0] <= CLOSED_POSITION - _CLOTH
 
     def _opening(self) -> tuple[float, float] | None:
         right, left = self._known(0), self._known(1)
         if self._stroke_length is None or right is None or left is None:
             return None
-        scale = self._stroke_length / FULL
+        scale = self._stroke_length / CLOSED_POSITION
         return self._stroke_length - scale * right[0], self._stroke_length - scale * left[0]

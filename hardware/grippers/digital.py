@@ -1,6 +1,6 @@
 """Grippers on the robot controller's digital outputs and inputs."""
 
-from unwrinkle.hardware.grippers.base import READ_PERIOD, SIDES, DigitalIo, GripperPair
+from unwrinkle.hardware.grippers.base import READ_PERIOD_S, SIDES, DigitalIo, GripperPair
 from unwrinkle.models.site import GripperSite
 
 
@@ -24,7 +24,7 @@ class DigitalGrippers(GripperPair):
             if written is not None:
                 self._taken[index] = bool(written) != self._site.inverted[index]
         if now >= self._next_read:
-            self._next_read = now + READ_PERIOD
+            self._next_read = now + READ_PERIOD_S
             for address in self._inputs:
                 self._io.read_input(address)
 
@@ -41,14 +41,16 @@ class DigitalGrippers(GripperPair):
         if self._io.outputs_written.get(output) != value:
             why = self._io.io_problem or "it has not answered"
             return (
-                f"the controller has not set output {output} for the {side} gripper ({why}); check the "
+                f"the controller has not set output {output} for the {side} gripper ({why}); check "
+                "the "
                 "site's close_output and the I/O connection"
             )
         told = self._told(self._site.closed_input[index])
         if self._site.closed_input[index] and told != closed:
             says = "nothing" if told is None else ("closed" if told else "open")
             return (
-                f"the {side} gripper is not {word}: input {self._site.closed_input[index]} says {says}; "
+                f"the {side} gripper is not {word}: input {self._site.closed_input[index]} says "
+                f"{says}; "
                 "check its air, its cable and the site's addresses"
             )
         if closed and self._site.holding_input[index]:

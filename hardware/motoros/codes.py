@@ -124,11 +124,17 @@ SUBCODES: dict[int, str] = {
     3003: "the controller does not know this type of message; try the other profile",
     3004: "there is no such control group; compare the site's groups with the controller's",
     3005: "the point's sequence number is not the one expected; stop and start the trajectory anew",
-    3006: "the controller does not know this command; if it is the check of synchrony, set synchro: off",
+    3006: (
+        "the controller does not know this command; if it is the check of synchrony, set synchro: "
+        "off"
+    ),
     3010: "a number in the message is invalid",
     3011: "the first point is not where the robot is commanded to stand; plan from where it stands",
     3012: "a position is out of its axis' range",
-    3013: "a speed is above its axis' limit, or the controller's speed governor (controller.speed_cap); slow down",
+    3013: (
+        "a speed is above its axis' limit, or the controller's speed governor "
+        "(controller.speed_cap); slow down"
+    ),
     3014: "an acceleration is above its axis' limit; slow the trajectory down",
     3015: "data is missing: a point needs time, positions and velocities",
     3016: "the point's time is invalid: not increasing, or four hours or more",
@@ -151,7 +157,9 @@ SUBCODES: dict[int, str] = {
 IO_RESULTS: dict[int, str] = {
     0: "done",
     1001: "there is no input or output of this address to read",
-    1002: "this address cannot be written; general outputs are 10010 to 12567, last digit at most 7",
+    1002: (
+        "this address cannot be written; general outputs are 10010 to 12567, last digit at most 7"
+    ),
     1003: "this value cannot be written",
     1004: "the controller failed to read it",
     1005: "the controller failed to write it",

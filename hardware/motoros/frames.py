@@ -39,8 +39,8 @@ class WireError(ProtocolError):
     """Bytes that are not a message, or a message that cannot be encoded.
 
     Attributes:
-        name: "length", "type", "comm", "reply" (of a stream); "body", "valid", "groups" (of a body); "not finite",
-            "integer" (of a message to send).
+        name: "length", "type", "comm", "reply" (of a stream); "body", "valid", "groups" (of a
+            body); "not finite", "integer" (of a message to send).
         messages: complete messages before the invalid bytes.
     """
 
@@ -53,7 +53,7 @@ class WireError(ProtocolError):
 
 @dataclass(frozen=True)
 class Message:
-    """One message; its numbers are those of `MessageType`, `CommType` and `ReplyCode`, or unknown."""
+    """A message; its numbers are of `MessageType`, `CommType` and `ReplyCode`, or unknown."""
 
     type: int
     comm: int
@@ -98,8 +98,8 @@ class Framer:
         """Return the messages that these bytes complete.
 
         Raises:
-            WireError: these bytes, or earlier ones, are not a message. The connection has to be closed; the error
-                carries the complete messages before the invalid bytes.
+            WireError: these bytes, or earlier ones, are not a message. The connection has to be
+                closed; the error carries the complete messages before the invalid bytes.
         """
         if self._broken is not None:
             raise WireError(*self._broken)
@@ -126,7 +126,9 @@ class Framer:
         return int(start + 4 + words[0])
 
     def _problem(self, words: tuple[int, ...]) -> tuple[str, str] | None:
-        """Check the words of a header that are there: length, type, comm, reply; return name and text of an error."""
+        """Check the words of a header that are there: length, type, comm, reply; return name and
+        text of an error.
+        """
         length = words[0]
         if not 12 <= length <= self._most:
             return "length", f"a message of {length} bytes; 12 to {self._most} are possible"

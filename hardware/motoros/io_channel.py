@@ -1,4 +1,4 @@
-"""The connection for digital inputs and outputs: one request at a time, the values in dictionaries."""
+"""The connection for digital inputs and outputs: one request at a time, values by address."""
 
 from collections import deque
 
@@ -30,8 +30,10 @@ class IoChannel:
     """Reads inputs and writes outputs.
 
     Attributes:
-        inputs: last value read of each address; None where it cannot be read, or has not been read yet.
-        written: last value acknowledged for each output; None where it was refused, or is not answered yet.
+        inputs: last value read of each address; None where it cannot be read, or has not been read
+            yet.
+        written: last value acknowledged for each output; None where it was refused, or is not
+            answered yet.
         problem: last refusal, for the user; empty if there was none.
     """
 
@@ -97,7 +99,8 @@ class IoChannel:
             self._waiting.remove(item)  # the order of writes counts
         if len(self._waiting) >= _MOST_QUEUED:
             raise HardwareError(
-                f"{_MOST_QUEUED} inputs and outputs wait for the controller's answers; ask for fewer"
+                f"{_MOST_QUEUED} inputs and outputs wait for the controller's answers; ask for "
+                "fewer"
             )
         self._waiting.append(item)
 

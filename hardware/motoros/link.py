@@ -1,4 +1,6 @@
-"""A TCP connection that never blocks: bytes to send are queued, received bytes are returned as they come."""
+"""A TCP connection that never blocks: bytes to send are queued, received bytes are returned as they
+come.
+"""
 
 import errno
 import select
@@ -9,7 +11,7 @@ from contextlib import suppress
 from unwrinkle.models.errors import ConnectionLostError
 
 #: Send-buffer limit, bytes; the connection is closed beyond it.
-MOST_WAITING = 1 << 20
+SEND_LIMIT_BYTES = 1 << 20
 #: Bytes that one call receives at most.
 _CHUNK = 1 << 16
 #: Errors of a socket that is not ready.
@@ -57,7 +59,8 @@ class TcpLink:
                 "no answer" if isinstance(error, TimeoutError) else (error.strerror or str(error))
             )
             raise ConnectionLostError(
-                f"{name}: cannot connect to {host}:{port} within {deadline:g} s: {reason}; is it on, "
+                f"{name}: cannot connect to {host}:{port} within {deadline:g} s: {reason}; is it "
+                "on, "
                 "and are address and port right?"
             ) from None
         return cls(connection, name)
@@ -77,7 +80,7 @@ class TcpLink:
             return
         self._waiting += data
         self.flush()
-        if len(self._waiting) > MOST_WAITING:
+        if len(self._waiting) > SEND_LIMIT_BYTES:
             self.close(f"does not read: {len(self._waiting)} bytes wait")
 
     def flush(self) -> None:

@@ -1,7 +1,7 @@
 """The motion connection: one request at a time, the next one is sent when the reply has come.
 
-The firmware of 2013 executes neither of two messages that it reads together, not even a stop, and newer firmware may lose
-the second one.
+The firmware of 2013 executes neither of two messages that it reads together, not even a stop, and
+newer firmware may lose the second one.
 """
 
 import dataclasses as dc
@@ -26,9 +26,9 @@ from unwrinkle.models.errors import ConnectionLostError, OverdueError, ProtocolE
 #: Group number of a command to all control groups.
 ALL_GROUPS = -1
 #: Longest wait of a stop for the reply to the request before it; then the stop is sent anyway, s.
-PATIENCE = 0.1
+STOP_PATIENCE_S = 0.1
 #: Longest wait for each reply when the connection is left, s.
-LEAVING = 0.25
+LEAVE_TIMEOUT_S = 0.25
 
 
 @dataclass(frozen=True)
@@ -99,11 +99,12 @@ class MotionChannel:
     def stop(self, now: float) -> None:
         """Drop all queued requests and send STOP_MOTION next."""
         self._waiting.clear()
-        self._stop_due = now + PATIENCE
+        self._stop_due = now + STOP_PATIENCE_S
         self.control(Command.STOP_MOTION, now)
 
     def poll(self, now: float) -> list[tuple[Asked, MotionReply]]:
-        """Return the requests that have been answered, with their replies; `send_next` sends the next one.
+        """Return the requests that have been answered, with their replies; `send_next` sends the
+        next one.
 
         Raises:
             ConnectionLostError: the connection has ended.
@@ -126,7 +127,7 @@ class MotionChannel:
             first = self._asked[0]
             waited, allowed = now - first.sent, first.deadline - first.sent
             raise OverdueError(
-                f"the controller has not answered {_words(first)} for {waited:.2f} s, at most "
+                f"the controller has not answered {_label(first)} for {waited:.2f} s, at most "
                 f"{allowed:.2f} s; is its connection alive?",
                 waited,
                 allowed,
@@ -135,7 +136,9 @@ class MotionChannel:
         return answers
 
     def send_next(self, now: float) -> None:
-        """Send the next request if its turn has come; call it after the driver has checked that it is not late."""
+        """Send the next request if its turn has come; call it after the driver has checked that it
+        is not late.
+        """
         self._send(now)
 
     def _queue(self, message: Message, asked: Asked, now: float, timeout: float | None) -> None:
@@ -144,7 +147,7 @@ class MotionChannel:
         self._send(now)
 
     def _send(self, now: float) -> None:
-        """Send the next request if the reply before it has come, or a stop has waited long enough."""
+        """Send the next request if the last reply has come, or a stop has waited long enough."""
         overdue = self._stop_due is not None and now >= self._stop_due
         if not self._waiting or (self._asked and not overdue):
             return
@@ -165,7 +168,8 @@ class MotionChannel:
             ) from None
         if not self._asked:
             raise ProtocolError(
-                f"the controller answers (command {reply.command}, sequence {reply.sequence}) what was not asked"
+                f"the controller answers (command {reply.command}, sequence {reply.sequence}) what "
+                "was not asked"
             )
         asked = self._asked.popleft()
         # The controller replies with group and sequence -1 to a message that it could not read.
@@ -181,22 +185,25 @@ class MotionChannel:
                 unknown = dc.replace(reply, result=Result.INVALID, subcode=Subcode.INVALID_COMMAND)
                 return asked, unknown
             raise ProtocolError(
-                f"the controller answers command {reply.command}, group {reply.group}, sequence {reply.sequence} "
-                f"where {_words(asked)} was due"
+                f"the controller answers command {reply.command}, group {reply.group}, sequence "
+                f"{reply.sequence} "
+                f"where {_label(asked)} was due"
             )
         return asked, reply
 
 
-class StopAndPart:
-    """Ends a motion connection whose replies cannot be trusted: a stop of all groups, its reply, the end.
+class StopAndClose:
+    """Ends a motion connection whose replies cannot be trusted: a stop of all groups, its reply,
+    the end.
 
-    Without the stop the controller would keep the content of its queues and run it at the next connection.
+    Without the stop the controller would keep the content of its queues and run it at the next
+    connection.
     """
 
     def __init__(self, link: TcpLink, now: float, *, waiting: bool) -> None:
         """Begin at `now`, s; `waiting`: a reply to an earlier request is due."""
         self._link = link
-        self._due = now + (PATIENCE if waiting else 0.0)
+        self._due = now + (STOP_PATIENCE_S if waiting else 0.0)
         self._end: float | None = None
 
     def poll(self, now: float) -> bool:
@@ -205,7 +212,7 @@ class StopAndPart:
         if self._end is None:
             if heard or now >= self._due:
                 self._link.send(_control(Command.STOP_MOTION))
-                self._end = now + LEAVING
+                self._end = now + LEAVE_TIMEOUT_S
         elif heard or now >= self._end:
             self._link.close("stopped and left")
         self._link.flush()
@@ -213,7 +220,8 @@ class StopAndPart:
 
 
 def stop_and_leave(link: TcpLink, *, waiting: bool, moving: bool, mode: bool) -> None:
-    """Empty the queues and leave trajectory mode; blocks for about a second at most and does not close the link.
+    """Empty the queues and leave trajectory mode; blocks for about a second at most and does not
+    close the link.
 
     Args:
         link: of the motion connection.
@@ -223,37 +231,40 @@ def stop_and_leave(link: TcpLink, *, waiting: bool, moving: bool, mode: bool) ->
     """
     framer = Framer()
     if waiting:
-        _heard(link, framer, PATIENCE)
+        _next_reply(link, framer, STOP_PATIENCE_S)
     steps = [Command.STOP_MOTION] * moving + [Command.STOP_TRAJ_MODE] * mode
     stopped = moving
     while steps:
         command = steps.pop(0)
         link.send(_control(command))
-        reply = _heard(link, framer, LEAVING)
+        reply = _next_reply(link, framer, LEAVE_TIMEOUT_S)
         if reply is None:
             return  # without a reply, further messages might be read together with this one
         if command == Command.STOP_TRAJ_MODE and reply.result != Result.SUCCESS and not stopped:
             steps, stopped = [Command.STOP_MOTION, Command.STOP_TRAJ_MODE], True
     if mode:
-        # DISCONNECT is not answered. A reply to a closed socket would make the system drop what was sent: wait for the end.
+        # DISCONNECT is not answered. A reply to a closed socket would make the system drop what was
+        # sent: wait for the end.
         link.send(_control(Command.DISCONNECT))
-        end = time.monotonic() + LEAVING
+        end = time.monotonic() + LEAVE_TIMEOUT_S
         while not link.closed and (left := end - time.monotonic()) > 0.0:
             if link.wait(left):
                 link.receive()
 
 
-def ask_to_stop(link: TcpLink, most: float) -> MotionReply | None:
-    """Send STOP_MOTION over a link without other requests; return the reply, None if none comes within `most`, s."""
+def request_stop(link: TcpLink, most: float) -> MotionReply | None:
+    """Send STOP_MOTION over a link without other requests; return the reply, None if none comes
+    within `most`, s.
+    """
     link.send(_control(Command.STOP_MOTION))
-    return _heard(link, Framer(), most)
+    return _next_reply(link, Framer(), most)
 
 
 def _control(command: int) -> bytes:
     return MotionControl(ALL_GROUPS, 0, command).to_message().encode()
 
 
-def _heard(link: TcpLink, framer: Framer, most: float) -> MotionReply | None:
+def _next_reply(link: TcpLink, framer: Framer, most: float) -> MotionReply | None:
     """Return the next motion reply; None if none comes within `most`, s of real time."""
     link.drain(most)
     end = time.monotonic() + most
@@ -269,7 +280,7 @@ def _heard(link: TcpLink, framer: Framer, most: float) -> MotionReply | None:
     return None
 
 
-def _words(asked: Asked) -> str:
+def _label(asked: Asked) -> str:
     kind = (
         "point"
         if asked.what in (MessageType.JOINT_TRAJ_PT_FULL, MessageType.JOINT_TRAJ_PT_FULL_EX)

@@ -91,7 +91,7 @@ class WriteIoReply(_Numbers):
 
 @dataclass(frozen=True)
 class ReadIoGroup(_Numbers):
-    """Read eight inputs or outputs; the group's address is the address of its bits divided by 10."""
+    """Read eight inputs or outputs; the address is that of the bits divided by 10."""
 
     kind: ClassVar[int] = MessageType.READ_IO_GROUP
     comm: ClassVar[int] = CommType.REQUEST

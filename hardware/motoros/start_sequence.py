@@ -1,4 +1,6 @@
-"""The requests that bring the controller from rest to trajectory mode: servos, job, synchrony of the groups."""
+"""The requests that bring the controller from rest to trajectory mode: servos, job, synchrony of
+the groups.
+"""
 
 from unwrinkle.hardware.motoros.motion_channel import Asked, MotionChannel
 from unwrinkle.hardware.motoros.wire import Command, MotionReply, Result, Subcode, describe
@@ -70,5 +72,6 @@ class StartSequence:
         result = Result.NOT_READY if patient and reply.subcode >= 5000 else reply.result
         self.problem = f"{what}: {describe(result, reply.subcode)}"
         if asked.what == Command.START_TRAJ_MODE and reply.subcode == Subcode.NOT_READY_SERVO_OFF:
-            # The firmware reports the first missing condition, not what prevents the servos from being switched on.
+            # The firmware reports the first missing condition, not what prevents the servos from
+            # being switched on.
             self.problem += "; is hold pressed, or a safety circuit open?"

@@ -1,8 +1,9 @@
 """The robot controller's messages: ROS-Industrial simple_message with Motoman's extensions.
 
-A message consists of its length (of what follows), type, kind of communication and reply code, each a little-endian int32,
-and a body of int32 and float32. Joints always fill ten slots; rad, rad/s, s. Decoded numbers may be not finite; encoding
-refuses those. Every name of the protocol can be imported from here.
+A message consists of its length (of what follows), type, kind of communication and reply code, each
+a little-endian int32, and a body of int32 and float32. Joints always fill ten slots; rad, rad/s, s.
+Decoded numbers may be not finite; encoding refuses those. Every name of the protocol can be
+imported from here.
 """
 
 import struct

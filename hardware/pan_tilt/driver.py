@@ -1,4 +1,6 @@
-"""Driver of a pan-tilt unit (PTU-D46) on a serial port: whole steps, the unit's own limits, and when it is at rest."""
+"""Driver of a pan-tilt unit (PTU-D46) on a serial port: whole steps, the unit's own limits, and
+when it is at rest.
+"""
 
 import logging
 import re
@@ -49,7 +51,8 @@ _AXES = ("P", "T")
 _NAMES = {"P": "pan", "T": "tilt"}
 _NUMBER = re.compile(r"[+-]?\d+(\.\d+)?")
 _LIMIT_HIT = re.compile(r"!([PT])(?![A-Za-z])")
-# Requests at the start: terse replies, no echo, position control, immediate execution; then resolutions and limits.
+# Requests at the start: terse replies, no echo, position control, immediate execution; then
+# resolutions and limits.
 _SETUP = ("FT", "ED", "CI", "I")
 _FACTS = ("PR", "TR", "PN", "PX", "TN", "TX")
 _WHOLE = re.compile(r"[+-]?\d+")
@@ -85,8 +88,9 @@ class PanTiltStatus:
 class PanTiltDriver:
     """Drives one unit by `poll`, with one request on the line at a time.
 
-    A request without a valid reply is sent three times; commands name absolute positions, so repeating one is harmless. The
-    driver never resets the unit, since a reset moves it to its stops.
+    A request without a valid reply is sent three times; commands name absolute positions, so
+    repeating one is harmless. The driver never resets the unit, since a reset moves it to its
+    stops.
     """
 
     def __init__(
@@ -154,8 +158,8 @@ class PanTiltDriver:
     def goto(self, number: int, pan: float, tilt: float) -> None:
         """Go to angles, rad, in whole steps; `status` reports the result.
 
-        Beyond the limits, or in a fault, the command is refused and nothing is sent; a motion under way goes on. While the
-        unit is starting, the command waits for its limits.
+        Beyond the limits, or in a fault, the command is refused and nothing is sent; a motion under
+        way goes on. While the unit is starting, the command waits for its limits.
 
         Args:
             number: counts up; one that is not above the last command's changes nothing.
@@ -257,12 +261,15 @@ class PanTiltDriver:
             self._port.write(self._asked.encode("ascii") + b"\r")
 
     def _again(self, why: str) -> None:
-        """Repeat the request once the line is silent: a late reply must not be taken for the next one."""
+        """Repeat the request once the line is silent: a late reply must not be taken for the next
+        one.
+        """
         question, self._asked = self._asked, ""
         self._attempts += 1
         if self._attempts >= _ATTEMPTS:
             self._fail(
-                f"{why} to {question} in {_ATTEMPTS} attempts of {self._site.reply_timeout:g} s; is it "
+                f"{why} to {question} in {_ATTEMPTS} attempts of {self._site.reply_timeout:g} s; "
+                "is it "
                 f"switched on, is its cable in, and does it run at {self._site.baud} baud?"
             )
             return
@@ -286,7 +293,8 @@ class PanTiltDriver:
             step, lower, upper = self._step(axis), self._facts[axis + "N"], self._facts[axis + "X"]
             if not step > 0.0 or not lower <= upper:
                 self._fail(
-                    f"it reports a resolution of {step:g} rad and {_NAMES[axis]} limits {lower:g} to "
+                    f"it reports a resolution of {step:g} rad and {_NAMES[axis]} limits {lower:g} "
+                    "to "
                     f"{upper:g}, which cannot be"
                 )
                 return
@@ -295,8 +303,10 @@ class PanTiltDriver:
                 and abs(step / self._expected - 1.0) > _RESOLUTION_TOLERANCE
             ):
                 self._fail(
-                    f"its {_NAMES[axis]} resolution is {step / ARC_SECOND:.4f} seconds of arc per position, "
-                    f"the head's file expects {self._expected / ARC_SECOND:.4f}; set the unit's step mode "
+                    f"its {_NAMES[axis]} resolution is {step / ARC_SECOND:.4f} seconds of arc per "
+                    "position, "
+                    f"the head's file expects {self._expected / ARC_SECOND:.4f}; set the unit's "
+                    "step mode "
                     "(WP, WT), or calibrate the head anew"
                 )
                 return
@@ -305,20 +315,25 @@ class PanTiltDriver:
         question, self._asked = self._asked, ""
         motion = question[:2] in ("PP", "TP") and len(question) > 2
         if not motion or not text.lower().startswith(_REFUSALS):
-            # On a disturbed line a valid command may arrive as an illegal one, and noise may look like a refusal.
+            # On a disturbed line a valid command may arrive as an illegal one, and noise may look
+            # like a refusal.
             self._asked = question
             self._again(f"the refusal '{text[:60]}'")
             return
         self._attempts = 0
         self._requests.clear()
         self._goal = None
-        self._reason = f"{self.name} refuses {_NAMES[question[0]]} position {question[2:]}: {_in_plain_words(text)}"
+        self._reason = (
+            f"{self.name} refuses {_NAMES[question[0]]} position {question[2:]}: "
+            f"{_in_plain_words(text)}"
+        )
 
     def _limit_hit(self, axis: str) -> None:
         if self._state == STARTING:
             return  # from an earlier reset
         self._fail(
-            f"its {_NAMES[axis]} axis has hit its stop and has lost count of its position; clear its way, "
+            f"its {_NAMES[axis]} axis has hit its stop and has lost count of its position; clear "
+            "its way, "
             "reset it by hand (command R, which moves it), then restart it"
         )
 
@@ -338,7 +353,7 @@ class PanTiltDriver:
             self._requests.extend(("PP", "TP"))
 
     def _stands(self, pan: int, tilt: int) -> None:
-        """Process the positions of both axes: where the unit is, and whether it has come to rest."""
+        """Process the positions of both axes; detect whether the unit has come to rest."""
         same = self._position == [pan, tilt]
         self._position = [pan, tilt]
         if self._state == STARTING:
@@ -354,10 +369,12 @@ class PanTiltDriver:
                 goal = self._goal or [pan, tilt]
                 self._fail(
                     f"it has not come to rest at {goal[0]}, {goal[1]} (pan, tilt positions) within "
-                    f"{self._site.motion_timeout:g} s; it stands at {pan}, {tilt}; is its way clear?"
+                    f"{self._site.motion_timeout:g} s; it stands at {pan}, {tilt}; is its way "
+                    "clear?"
                 )
         elif not there:
-            # It is turned from outside, or an axis coasts: not at rest before its position is constant again.
+            # It is turned from outside, or an axis coasts: not at rest before its position is
+            # constant again.
             self._goal, self._state, self._moving_since = None, MOVING, self._now
         else:
             self._next_look = self._now + _HEARTBEAT_S

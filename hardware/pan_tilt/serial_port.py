@@ -1,4 +1,6 @@
-"""A serial port that never blocks: bytes to send are queued, received bytes are returned as they come."""
+"""A serial port that never blocks: bytes to send are queued, received bytes are returned as they
+come.
+"""
 
 import select
 import time
@@ -7,13 +9,15 @@ from typing import Any, Protocol
 from unwrinkle.models.errors import ConnectionLostError
 
 #: Send-buffer limit, bytes; beyond it the device is taken to accept nothing.
-MOST_WAITING = 1 << 14
+SEND_LIMIT_BYTES = 1 << 14
 #: Bytes that one call receives at most.
 _CHUNK = 1 << 12
 
 
 class SerialPort(Protocol):
-    """The part of a serial port that a driver uses; failures are a HardwareError that names the device."""
+    """The part of a serial port that a driver uses; failures are a HardwareError that names the
+    device.
+    """
 
     def read(self) -> bytes:
         """Return the received bytes without waiting; empty if there are none."""
@@ -43,7 +47,7 @@ class BufferedPort(Protocol):
 
 
 def fill(port: BufferedPort, total: int, deadline: float) -> bool:
-    """Wait at most `deadline`, s, until a port has received `total` bytes; return whether it has."""
+    """Wait at most `deadline`, s, for `total` received bytes; return whether they have come."""
     end = time.monotonic() + deadline
     port.take()
     while port.received < total:
@@ -93,12 +97,13 @@ class SerialLink:
         """Queue bytes and send as many as possible.
 
         Raises:
-            ConnectionLostError: the port is closed, the device is gone, or it accepts nothing any more.
+            ConnectionLostError: the port is closed, the device is gone, or it accepts nothing any
+                more.
         """
         self._check_open()
         self._waiting += data
         self.flush()
-        if len(self._waiting) > MOST_WAITING:
+        if len(self._waiting) > SEND_LIMIT_BYTES:
             raise ConnectionLostError(
                 f"{self.device} takes nothing: {len(self._waiting)} bytes wait; check its cable"
             )

@@ -126,8 +126,8 @@ def read_run_log(path: str | Path) -> RunLogRecords:
     """Read a run log.
 
     Raises:
-        InputError: the file is missing, is not a run log, has another version, or is damaged before its last line; the
-            message names the line.
+        InputError: the file is missing, is not a run log, has another version, or is damaged before
+            its last line; the message names the line.
     """
     path = Path(path)
     try:
@@ -174,7 +174,8 @@ class _Reader:
             self._takers[record["k"]](float(record["t"]), record)
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise InputError(
-                f"{self._path}: line {number} is damaged ({error!r}); only the last line of a log may be "
+                f"{self._path}: line {number} is damaged ({error!r}); only the last line of a log "
+                "may be "
                 "cut"
             ) from None
 

@@ -1,15 +1,16 @@
 """The run log: one JSON object per line, append-only, readable after a crash.
 
-The first line is the header; every further line has the kind of record (`k`) and the host's monotonic time (`t`, s):
+The first line is the header; every further line has the kind of record (`k`) and the host's
+monotonic time (`t`, s):
 
 - `commanded`: n (command), i (sequence), s (time on the trajectory's clock), q, v (13 each);
 - `measured`: q, v (13 each), stamp (controller's clock or null), count, at (time of reception);
 - `status`: the driver's status, where it has changed, and ten times a second while it only goes on;
 - `event`: kind, text, data.
 
-A number that is not finite is written as null. Each line is handed to the operating system at once, so that it survives the
-end of the program. A thread of its own synchronises the file with the disk, which can take long: at every event and each
-second.
+A number that is not finite is written as null. Each line is handed to the operating system at once,
+so that it survives the end of the program. A thread of its own synchronises the file with the disk,
+which can take long: at every event and each second.
 """
 
 import dataclasses as dc
@@ -139,7 +140,9 @@ class RunLog:
         )
 
     def status(self, now: float, status: DriverStatus) -> None:
-        """See `RunLogger.status`; skipped if only running numbers have changed within `STATUS_PERIOD`."""
+        """See `RunLogger.status`; skipped if only running numbers have changed within
+        `STATUS_PERIOD`.
+        """
         if self._last is not None:
             last, when = self._last
             running = {name: getattr(last, name) for name in _RUNNING_NUMBERS}

@@ -9,11 +9,12 @@ from unwrinkle.models.arrays import Array
 from unwrinkle.planning.trajectory import Trajectory
 
 #: Largest motion of a group at rest, rad.
-STILL = 1e-6
+STILL_RAD = 1e-6
 
 
 def unmoved_group(trajectories: Sequence[Trajectory], moved: Sequence[str]) -> str:
-    """Return which control group trajectories move although the firmware does not; empty if there is none.
+    """Return which control group trajectories move although the firmware does not; empty if there
+    is none.
 
     Args:
         trajectories: of all axes, one or more, run one after the other.
@@ -22,14 +23,15 @@ def unmoved_group(trajectories: Sequence[Trajectory], moved: Sequence[str]) -> s
     for name, axes in GROUP_AXES.items():
         q = np.concatenate([trajectory.positions[:, axes] for trajectory in trajectories])
         way = float(np.ptp(q, axis=0).max())
-        if name not in moved and not way <= STILL:
+        if name not in moved and not way <= STILL_RAD:
             hint = (
                 "plan with 'turntable: fixed' in the scenario's planner section"
                 if name == "ext_axis"
                 else "this plan needs a firmware that does"
             )
             return (
-                f"{name} is to move by {way:.3f} rad, and this controller's firmware does not move it "
+                f"{name} is to move by {way:.3f} rad, and this controller's firmware does not move "
+                "it "
                 f"(controller.groups_moved: {', '.join(moved)}); {hint}"
             )
     return ""

@@ -1,12 +1,15 @@
-"""Speed override, hold and resume along a trajectory's own path: only the rate of the path's clock changes.
+"""Speed override, hold and resume along a trajectory's own path: only the rate of the path's clock
+changes.
 
-The trajectory is q(s), cubic between its knots s_k. The points sent are q(s) at times t with velocities q'(s) r, where
-r = ds/dt is the rate. The controller accepts whole milliseconds and float32 numbers, so each point's time is a whole
-millisecond, and its values are those of the path at that time, rounded once. At r = 1 the points are the trajectory's own
-samples, also after a change of rate, which ends at one of them. A change of rate follows a polynomial r(t) that ends with
-r' = r'' = 0. Its duration is the shortest one at which velocity, acceleration and jerk of the cubics between the points
-sent keep their limits. Rates just below 1 are run at `NEARLY`: their points lie beside the trajectory's samples, where
-interpolation and rounding use some percent of the limits.
+The trajectory is q(s), cubic between its knots s_k. The points sent are q(s) at times t with
+velocities q'(s) r, where r = ds/dt is the rate. The controller accepts whole milliseconds and
+float32 numbers, so each point's time is a whole millisecond, and its values are those of the path
+at that time, rounded once. At r = 1 the points are the trajectory's own samples, also after a
+change of rate, which ends at one of them. A change of rate follows a polynomial r(t) that ends with
+r' = r'' = 0. Its duration is the shortest one at which velocity, acceleration and jerk of the
+cubics between the points sent keep their limits. Rates just below 1 are run at
+`HIGHEST_REDUCED_RATE`: their points lie beside the trajectory's samples, where interpolation and
+rounding use some percent of the limits.
 """
 
 from dataclasses import dataclass
@@ -25,12 +28,13 @@ _ROUNDING_S = 1e-9
 #: Durations of a change of rate that are tried, s.
 _DURATIONS_S = np.unique(np.round(np.geomspace(0.06, 6.0, 45), 3))
 #: Rates between this one and 1 are run at this one.
-NEARLY = 0.97
+HIGHEST_REDUCED_RATE = 0.97
 #: A braking under way is replaced by one that takes at most this share of the time that is left.
 _SHORTER_BRAKING_SHARE = 0.88
 #: A braking is not replaced if less time is left, s.
 _LEAST_BRAKING_LEFT_S = 0.12
-#: Points between two searches for a shorter braking: a search takes some milliseconds, and points are due meanwhile.
+#: Points between two searches for a shorter braking: a search takes some milliseconds, and points
+#: are due meanwhile.
 _POINTS_PER_SEARCH = 4
 
 
@@ -73,15 +77,17 @@ class PathClock:
 
         Args:
             trajectory: from rest to rest.
-            limits: of changes of rate; extremes of the trajectory itself at rate 1 are allowed, too.
-            step: nominal time between points, s. Points that are not the trajectory's own samples are at least twice as
-                far apart, or as far as those: rounding closer points to float32 would change the jerk by some percent of
-                its limit.
+            limits: of changes of rate; extremes of the trajectory itself at rate 1 are allowed,
+                too.
+            step: nominal time between points, s. Points that are not the trajectory's own samples
+                are at least twice as far apart, or as far as those: rounding closer points to
+                float32 would change the jerk by some percent of its limit.
             rate: at the start, 0 to 1.
             longest: greatest time between points at a constant rate, s.
 
         Raises:
-            InputError: the trajectory does not start and end at rest, or the rate is not within 0 to 1.
+            InputError: the trajectory does not start and end at rest, or the rate is not within 0
+                to 1.
         """
         if not trajectory.rests_at_ends:
             raise InputError(
@@ -114,7 +120,9 @@ class PathClock:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the last point produced is one of rest: at the start, at the end, or after a hold."""
+        """Whether the last point produced is one of rest: at the start, at the end, or after a
+        hold.
+        """
         if self.last is None or self.done:
             return True
         return self._change is None and self._target == 0.0
@@ -122,8 +130,8 @@ class PathClock:
     def set_rate(self, target: float) -> None:
         """Change to another rate, from the last point produced on; 0 is a hold.
 
-        Where no change of rate keeps the limits from there, it begins at a later point; at the latest, the path comes to
-        rest at its end.
+        Where no change of rate keeps the limits from there, it begins at a later point; at the
+        latest, the path comes to rest at its end.
 
         Raises:
             InputError: the rate is not within 0 to 1.
@@ -211,7 +219,9 @@ class PathClock:
         self._state = RateState(time, s, self._target, 0.0, 0.0)
 
     def _constant(self, time: float) -> Sample | None:
-        """Return the next point at a constant rate: the trajectory's own samples at the full rate, else even steps."""
+        """Return the next point at a constant rate: the trajectory's own samples at the full rate,
+        else even steps.
+        """
         rate, state = self._target, self._state
         knot, at_knot = self._path.knot_after(state.s + _ROUNDING_S)
         left = (self._path.end - state.s) / rate
@@ -257,7 +267,9 @@ class PathClock:
             self._change, self._next = change, 0
 
     def _shorten(self) -> None:
-        """Replace a braking by a shorter one, if there is one: where it began, the path itself may have used up a limit."""
+        """Replace a braking by a shorter one, if there is one: where it began, the path itself may
+        have used up a limit.
+        """
         assert self._change is not None
         left = float(self._change.times[-1]) - self._state.time
         if left < _LEAST_BRAKING_LEFT_S:
@@ -284,4 +296,4 @@ class PathClock:
 def _checked(rate: float) -> float:
     if not 0.0 <= rate <= 1.0:
         raise InputError(f"rate along the path is {rate}; give 0 to 1")
-    return NEARLY if NEARLY < rate < 1.0 else float(rate)
+    return HIGHEST_REDUCED_RATE if HIGHEST_REDUCED_RATE < rate < 1.0 else float(rate)

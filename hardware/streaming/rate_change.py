@@ -25,7 +25,9 @@ _BISECTIONS = 40
 
 @dataclass(frozen=True)
 class RateState:
-    """State of a path's clock: stream time, s; path time s, s; rate ds/dt; the rate's derivatives, 1/s and 1/s^2."""
+    """State of a path's clock: stream time, s; path time s, s; rate ds/dt; the rate's derivatives,
+    1/s and 1/s^2.
+    """
 
     time: float
     s: float
@@ -67,10 +69,11 @@ class RateChange:
     def make(
         cls, path: CubicPath, start: RateState, target: float, duration: float, widest: float
     ) -> "RateChange | None":
-        """Compute the points up to the end of the change, or up to the path's end if that comes first.
+        """Compute the points up to the end of the change, or up to the path's end if that comes
+        first.
 
-        A change to the full rate ends at one of the path's own knots, so that from there on the points are the
-        trajectory's own samples again.
+        A change to the full rate ends at one of the path's own knots, so that from there on the
+        points are the trajectory's own samples again.
 
         Args:
             path: to run.
@@ -116,7 +119,8 @@ class RateChange:
 def plausible(
     path: CubicPath, start: RateState, target: float, times: Array, limits: StreamLimits
 ) -> Array:
-    """Return the durations of `times` (n,), s, whose motion about keeps the limits at some places: a quick sieve.
+    """Return the durations of `times` (n,), s, whose motion about keeps the limits at some places:
+    a quick sieve.
 
     The limits are widened by a few percent, so durations that pass have to be checked in full.
     """
@@ -141,7 +145,9 @@ def plausible(
 
 
 def _quintic(start: RateState, target: float, duration: float) -> Array:
-    """Return coefficients in x = t / duration, constant first, of a rate that ends in (target, 0, 0)."""
+    """Return coefficients in x = t / duration, constant first, of a rate that ends in (target, 0,
+    0).
+    """
     r, d, e = start.rate, start.slope * duration, 0.5 * start.bend * duration**2
     gap = target - r
     return np.array(
@@ -172,7 +178,9 @@ def _travel(c: Array, duration: float, x: Array) -> Array:
 def _points(
     end: float, begin: float, duration: float, c: Array, widest: float
 ) -> tuple[Array, Array]:
-    """Return times since the start, whole ms, and path times of the points, (n,) s each; the last may be the path's end."""
+    """Return times since the start, whole ms, and path times of the points, (n,) s each; the last
+    may be the path's end.
+    """
     count = max(1, int(np.ceil(duration / widest - _ROUNDING)))
     tau = np.unique(np.round(1e3 * duration * np.arange(1, count + 1) / count)) / 1e3
     s = begin + _travel(c, duration, tau / duration)

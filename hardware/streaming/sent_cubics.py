@@ -1,4 +1,6 @@
-"""Limits of the motion that is sent, and a trajectory as the path that speed override, hold and resume follow."""
+"""Limits of the motion that is sent, and a trajectory as the path that speed override, hold and
+resume follow.
+"""
 
 import dataclasses as dc
 from dataclasses import dataclass

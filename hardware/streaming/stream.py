@@ -1,4 +1,6 @@
-"""Sending of a path's points: one at a time, repeated while the controller is busy, a bounded time ahead of the robot."""
+"""Sending of a path's points: one at a time, repeated while the controller is busy, a bounded time
+ahead of the robot.
+"""
 
 from collections import deque
 from collections.abc import Callable
@@ -28,14 +30,16 @@ Recorder: TypeAlias = Callable[[float, int, float, Array, Array], None]
 #: Axes of each control group, by the site's group names.
 GROUP_AXES = {"r1": slice(1, 7), "r2": slice(7, 13), "ext_axis": slice(0, 1)}
 
-#: Time between the two points of rest that begin every motion, s: meanwhile the queues fill. A multiple of the
-#: interpolation periods of 4 and 8 ms, so that a plan's points fall on the controller's clock.
-DWELL = 0.104
+#: Time between the two points of rest that begin every motion, s: meanwhile the queues fill. A
+#: multiple of the interpolation periods of 4 and 8 ms, so that a plan's points fall on the
+#: controller's clock.
+START_DWELL_S = 0.104
 #: Largest difference of the groups' starts, s.
-SKEW = 0.02
+LARGEST_START_SKEW_S = 0.02
 #: Largest delay of a busy controller behind the host's estimate, s.
-BUSY_ROOM = 0.02
-#: Fraction of a millisecond added to a point's time, so that no rounding lets the controller cut it one too low.
+BUSY_DELAY_S = 0.02
+#: Fraction of a millisecond added to a point's time, so that no rounding lets the controller cut it
+#: one too low.
 _TIME_MARGIN_MS = 0.4
 #: Difference of two times that is rounding, s.
 _ROUNDING_S = 1e-6
@@ -46,20 +50,25 @@ _ALL = -1
 
 
 def sent_time(when: float) -> float:
-    """Return the time to send for a point at a whole millisecond, s: the controller cuts it to that millisecond."""
+    """Return the time to send for a point at a whole millisecond, s: the controller cuts it to that
+    millisecond.
+    """
     return (round(1e3 * when) + _TIME_MARGIN_MS) / 1e3
 
 
-def most_lag(site: ControllerSite) -> float:
-    """Return the greatest lag of the feedback that is searched, s: well beyond the site's limit, so as to report it."""
+def longest_searched_lag(site: ControllerSite) -> float:
+    """Return the greatest lag of the feedback that is searched, s: well beyond the site's limit, so
+    as to report it.
+    """
     return max(0.5, 2.0 * site.latency)
 
 
 class PointStream:
     """Sends the points of one path.
 
-    The stream's clock is that of the points' times, which are whole milliseconds. It runs on the robot from the moment the
-    first point of motion is sent, and stops while the path rests. Points are sent up to the site's `lead` ahead of it.
+    The stream's clock is that of the points' times, which are whole milliseconds. It runs on the
+    robot from the moment the first point of motion is sent, and stops while the path rests. Points
+    are sent up to the site's `lead` ahead of it.
 
     Attributes:
         clock: of the path.
@@ -111,13 +120,17 @@ class PointStream:
         self.stopped = False
 
     def executed(self, now: float) -> float:
-        """Return the stream time that the robot is commanded to now, s; at most that of the last point accepted."""
+        """Return the stream time that the robot is commanded to now, s; at most that of the last
+        point accepted.
+        """
         if self._anchor is None:
             return self._taken
         return min(self._raw(now), self._taken)
 
     def reckoned(self, now: float) -> float:
-        """Return the stream time of a robot that is not limited by points accepted, s: a lagging robot is compared with it."""
+        """Return the stream time of a robot that is not limited by points accepted, s: a lagging
+        robot is compared with it.
+        """
         return self._taken if self._anchor is None else self._raw(now)
 
     def at_rest(self, now: float) -> bool:
@@ -146,7 +159,9 @@ class PointStream:
         return hermite_positions(knots, q, v, t)
 
     def commanded_to(self, times: Array) -> Array:
-        """Return the positions (n, 13), rad, that were sent for stream times (n,), s, with each group's later start."""
+        """Return the positions (n, 13), rad, that were sent for stream times (n,), s, with each
+        group's later start.
+        """
         if not self.offsets.any():
             return self.commanded(times)
         positions = np.empty((len(times), 13))
@@ -161,14 +176,17 @@ class PointStream:
         if self._resting and self._point is None:
             return ""
         late = self._raw(now) - self._taken
-        if late <= (BUSY_ROOM if self._busy else _ROUNDING_S):
+        if late <= (BUSY_DELAY_S if self._busy else _ROUNDING_S):
             return ""
         waited = now - self._first_sent
         text = f"the points that the controller has taken ended {1e3 * late:.0f} ms ago"
         if self._point is None or waited < 0.5 * self._site.lead:
             return f"{text}: this machine or the network is too slow; nothing is sent late"
         state = "busy with" if self._busy else "silent about"
-        return f"{text}, and for {waited:.2f} s it has been {state} the next one ({self._sequence - 1})"
+        return (
+            f"{text}, and for {waited:.2f} s it has been {state} the next one "
+            f"({self._sequence - 1})"
+        )
 
     def poll(self, now: float) -> None:
         """Send the points that are due."""
@@ -203,7 +221,8 @@ class PointStream:
         if reply.result == Result.BUSY:
             if now - self._first_sent > self._site.busy_limit:
                 self.problem = (
-                    f"the controller has been busy with point {asked.sequence} (group {asked.group}) for "
+                    f"the controller has been busy with point {asked.sequence} (group "
+                    f"{asked.group}) for "
                     f"{now - self._first_sent:.2f} s, at most {self._site.busy_limit:g} s"
                 )
             self._again[asked.group] = now + self._site.busy_retry
@@ -244,8 +263,11 @@ class PointStream:
         if self._anchor is None and self.acknowledged > 0:
             self.skew = max(starts) - min(starts)
             self._note_offsets(min(starts))
-            if self.skew > SKEW:
-                self.problem = f"the control groups started {1e3 * self.skew:.0f} ms apart, at most {1e3 * SKEW:.0f} ms"
+            if self.skew > LARGEST_START_SKEW_S:
+                self.problem = (
+                    f"the control groups started {1e3 * self.skew:.0f} ms apart, at most "
+                    f"{1e3 * LARGEST_START_SKEW_S:.0f} ms"
+                )
         begin = min(starts)
         waits = (
             not self._synchronous and self._anchor is not None and self._raw(begin) > self._taken
@@ -272,7 +294,7 @@ class PointStream:
         if last is not None and self._resting and self.at_rest(now):
             self._anchor = None
             self._resting = False
-            self._shift += DWELL
+            self._shift += START_DWELL_S
             rest = Sample(last.time, last.positions, _NO_VELOCITY, last.s, 0.0)
             self._take(rest, rest.time + self._shift, now)
             return
@@ -319,7 +341,7 @@ class PointStream:
 
     def _remember(self, time: float, sample: Sample, now: float) -> None:
         self._history.append((time, sample.s, sample.positions, sample.velocities))
-        oldest = self.executed(now) - most_lag(self._site) - 0.5
+        oldest = self.executed(now) - longest_searched_lag(self._site) - 0.5
         while len(self._history) > 2 and self._history[1][0] < oldest:
             self._history.popleft()
         self._arrays = None

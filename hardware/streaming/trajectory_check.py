@@ -12,7 +12,8 @@ _LIMIT_ROUNDING = 1e-6
 
 
 def trajectory_problem(trajectory: Trajectory, limits: Limits, axes: Sequence[str]) -> str:
-    """Return why a trajectory may not be sent, with the exact extremes of its cubics; empty if it may.
+    """Return why a trajectory may not be sent, with the exact extremes of its cubics; empty if it
+    may.
 
     Args:
         trajectory: as it would be sent.
@@ -33,7 +34,8 @@ def trajectory_problem(trajectory: Trajectory, limits: Limits, axes: Sequence[st
         axis = int(over.argmax())
         if not over[axis] <= 0.0:
             return (
-                f"{what} of {axes[axis]} reaches {value[axis]:.4f} {unit}, {over[axis]:.2g} beyond its limit "
+                f"{what} of {axes[axis]} reaches {value[axis]:.4f} {unit}, {over[axis]:.2g} beyond "
+                "its limit "
                 f"{most[axis]:.4f} {unit}"
             )
     return ""

@@ -1,7 +1,9 @@
-"""Model of a controller that runs trajectories: start check, cubic interpolation, hold, speed override.
+"""Model of a controller that runs trajectories: start check, cubic interpolation, hold, speed
+override.
 
-The player follows a given path exactly: a hold and the speed override change only the rate r = ds/dt of the path's clock s.
-It works for any number of axes A; a state is an immutable value, and every method returns a new one.
+The player follows a given path exactly: a hold and the speed override change only the rate r =
+ds/dt of the path's clock s. It works for any number of axes A; a state is an immutable value, and
+every method returns a new one.
 """
 
 import dataclasses as dc
@@ -46,12 +48,13 @@ class PlayerSettings:
     """Tolerances of the checks, and rates of change of the path's clock.
 
     Attributes:
-        start_tolerance: largest distance of the robot from a trajectory's first point, rad; 30 pulses of a DX100 are
-            about 1 mrad on the arm's axes.
+        start_tolerance: largest distance of the robot from a trajectory's first point, rad; 30
+            pulses of a DX100 are about 1 mrad on the arm's axes.
         rate_acceleration: greatest change of the rate, 1/s.
-        least_braking: least decrease of the rate in a hold, 1/s, even where the path itself uses up an axis' acceleration.
-        arrived, arrived_speed: largest distance from the last point, rad, and speed, rad/s, at which a trajectory is
-            completed.
+        least_braking: least decrease of the rate in a hold, 1/s, even where the path itself uses up
+            an axis' acceleration.
+        arrived, arrived_speed: largest distance from the last point, rad, and speed, rad/s, at
+            which a trajectory is completed.
         arrival_time: longest time from the trajectory's end until then, s.
         following_limit: largest following error, rad.
     """
@@ -145,8 +148,8 @@ class TrajectoryPlayer:
             name: of the trajectory, for messages.
 
         Returns:
-            The state after the command. A refusal does not change the motion and states its reason. One trajectory that
-            starts at the end of the running one is queued.
+            The state after the command. A refusal does not change the motion and states its reason.
+                One trajectory that starts at the end of the running one is queued.
         """
         if number <= state.command:
             return state
@@ -272,10 +275,11 @@ class TrajectoryPlayer:
     def _next_rate(
         self, state: PlayerState, trajectory: SampledCubic, step: float, target: float
     ) -> float:
-        """Return the rate at the end of the period: towards the target, within the axes' acceleration limits.
+        """Return the rate at the end of the period: towards the target, within the axes'
+        acceleration limits.
 
-        The joint acceleration q_ss r^2 + q_s r' bounds r' for every axis (path time scaling); braking has a least value, so
-        that a hold always comes to rest.
+        The joint acceleration q_ss r^2 + q_s r' bounds r' for every axis (path time scaling);
+        braking has a least value, so that a hold always comes to rest.
         """
         rate, settings = state.rate, self.settings
         if rate == target:

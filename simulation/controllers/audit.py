@@ -1,4 +1,6 @@
-"""Rules for clients that the firmware does not enforce: the virtual controller records violations of them."""
+"""Rules for clients that the firmware does not enforce: the virtual controller records violations
+of them.
+"""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -12,7 +14,8 @@ from unwrinkle.models.arrays import Array
 _POSITION_ROUNDING_RAD = 1e-5
 #: Excess over a velocity limit that is rounding, relative.
 _SPEED_ROUNDING = 1e-5
-#: Fraction of a millisecond that a time must have, so that its truncation is not a matter of rounding.
+#: Fraction of a millisecond that a time must have, so that its truncation is not a matter of
+#: rounding.
 _FRACTION = (0.1, 0.9)
 #: Places in a cubic at which it is checked, in shares of its duration.
 _PLACES = np.linspace(0.0, 1.0, 33)[:, None]

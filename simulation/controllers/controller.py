@@ -1,12 +1,14 @@
-"""A virtual robot controller: modes, servos, queues and interpolation of a DX100 with MotoROS 1.9.12.
+"""A virtual robot controller: modes, servos, queues and interpolation of a DX100 with MotoROS
+1.9.12.
 
-It uses neither sockets nor a clock: messages are passed to its methods, and `advance` simulates one interpolation period.
-The thirteen axes are turn-table, right arm, left arm; its control groups are 0 the right arm (r1), 1 the left arm (r2),
-2 the turn-table (ext_axis).
+It uses neither sockets nor a clock: messages are passed to its methods, and `advance` simulates one
+interpolation period. The thirteen axes are turn-table, right arm, left arm; its control groups are
+0 the right arm (r1), 1 the left arm (r2), 2 the turn-table (ext_axis).
 
-It accepts what the firmware accepts (docs/deployment.md names the source, and what is unknown). Violations of the rules for
-clients are recorded in `audit`, and refused only where the firmware refuses them. Above all: **its queues outlive the
-motion connection**, and are run again when the next one is accepted.
+It accepts what the firmware accepts (docs/deployment.md names the source, and what is unknown).
+Violations of the rules for clients are recorded in `audit`, and refused only where the firmware
+refuses them. Above all: **its queues outlive the motion connection**, and are run again when the
+next one is accepted.
 """
 
 from collections import deque
@@ -38,7 +40,7 @@ from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.site import GROUPS
 from unwrinkle.simulation.controllers.audit import Audit, AuditLimits
-from unwrinkle.simulation.controllers.group import LONGEST, Axes, ControlGroup
+from unwrinkle.simulation.controllers.group import LONGEST_TIME_S, Axes, ControlGroup
 from unwrinkle.simulation.controllers.io import InputsAndOutputs
 from unwrinkle.simulation.controllers.pendant import Pendant, PendantMode
 from unwrinkle.simulation.controllers.reads import Unread
@@ -71,7 +73,8 @@ class VirtualController:
         inputs, outputs: digital ones by address, 0 or 1.
         received: accepted points of each group, oldest first.
         messages: received messages, with the controller's clock, s.
-        trace: clock, s, commanded positions (13,), rad, and velocities (13,), rad/s, of each period.
+        trace: clock, s, commanded positions (13,), rad, and velocities (13,), rad/s, of each
+            period.
         points: trajectory points that all groups have accepted so far.
         audit: violations of the rules for clients.
     """
@@ -248,7 +251,7 @@ class VirtualController:
             group.forget()
 
     def connection_lost(self) -> None:
-        """End the motion connection: its tasks end shortly after, and the queues stay as they are."""
+        """End the motion connection: its tasks end shortly after; the queues keep their content."""
         if self._parted is None:
             self._parted = self.time
         self._starting = None
@@ -276,10 +279,12 @@ class VirtualController:
     def feedback(
         self, positions: ArrayLike | None = None, velocities: ArrayLike | None = None
     ) -> list[Message]:
-        """Return a set of feedback: a message per group, one for all groups unless it accepts groups only, and the status.
+        """Return a set of feedback: a message per group, one for all groups unless it accepts
+        groups only, and the status.
 
         Args:
-            positions, velocities: (13,) measured, rad and rad/s; None is `axis_positions`, `axis_velocities`.
+            positions, velocities: (13,) measured, rad and rad/s; None is `axis_positions`,
+                `axis_velocities`.
         """
         q = self.axis_positions if positions is None else np.asarray(positions, dtype=float)
         v = self.axis_velocities if velocities is None else np.asarray(velocities, dtype=float)
@@ -303,8 +308,8 @@ class VirtualController:
     def handle_motion(self, message: Message | Unread) -> list[Message]:
         """Return the replies to a message on the motion connection.
 
-        The reply to START_TRAJ_MODE may follow in `late_replies`. DISCONNECT with empty queues has no reply, except with
-        the firmware of 2013, and the connection ends.
+        The reply to START_TRAJ_MODE may follow in `late_replies`. DISCONNECT with empty queues has
+        no reply, except with the firmware of 2013, and the connection ends.
         """
         if isinstance(message, Unread):
             return self._said(_unread(message, self.settings.firmware))
@@ -334,7 +339,9 @@ class VirtualController:
     def _take(
         self, points: tuple[GroupPoint, ...], sequence: int, several: bool = False
     ) -> tuple[int, int, int]:
-        """Process points of one sequence number, in order; return group, result and sub-code of the reply."""
+        """Process points of one sequence number, in order; return group, result and sub-code of the
+        reply.
+        """
         if subcode := self.pendant.not_ready:
             return points[-1].group, Result.NOT_READY, subcode
         for point in points:
@@ -344,7 +351,7 @@ class VirtualController:
                 return point.group, Result.BUSY, 0
             if point.time is None or point.positions is None or point.velocities is None:
                 return point.group, Result.INVALID, Subcode.INVALID_INSUFFICIENT
-            if not several and point.time >= LONGEST:
+            if not several and point.time >= LONGEST_TIME_S:
                 return point.group, Result.INVALID, Subcode.INVALID_TIME
         for point in points:
             group = self._groups[point.group]
@@ -469,7 +476,8 @@ def _reply(group: int, sequence: int, command: int, result: int, subcode: int = 
 
 
 def _unread(unread: Unread, firmware: str) -> Message:
-    """Return the reply to bytes that are not a complete message; it repeats the bytes where its numbers would be.
+    """Return the reply to bytes that are not a complete message; it repeats the bytes where its
+    numbers would be.
 
     Its group is 0, except with the firmware of 2013.
     """

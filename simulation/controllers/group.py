@@ -1,9 +1,10 @@
 """A control group of the virtual controller: points become increments, increments move the axes.
 
-It behaves as MotoROS 1.9.12 (ros-industrial/motoman, MotionServer.c, read and not copied): a point's time is cut to whole
-milliseconds, an increment is one interpolation period of a cubic, parts of a period are run together, and an accepted point
-enters the queue in the next period: until then the group is busy. Positions, speeds between points, numbers that are not
-finite and the order of sequence numbers are not checked.
+It behaves as MotoROS 1.9.12 (ros-industrial/motoman, MotionServer.c, read and not copied): a
+point's time is cut to whole milliseconds, an increment is one interpolation period of a cubic,
+parts of a period are run together, and an accepted point enters the queue in the next period: until
+then the group is busy. Positions, speeds between points, numbers that are not finite and the order
+of sequence numbers are not checked.
 """
 
 from collections import deque
@@ -17,7 +18,7 @@ from unwrinkle.hardware.motoros.wire import GroupPoint, Subcode
 from unwrinkle.models.arrays import Array
 
 #: Times of points from here on are refused, s.
-LONGEST = 14400.0
+LONGEST_TIME_S = 14400.0
 #: Largest speed at which a queue that runs out is no underrun, rad/s.
 _REST_SPEED_RAD_S = 1e-4
 #: Range of 32-bit pulses, rad.
@@ -45,7 +46,9 @@ class Axes:
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """A point as the firmware stores it: time, whole ms, positions, rad, and velocities, rad/s, (A,)."""
+    """A point as the firmware stores it: time, whole ms, positions, rad, and velocities, rad/s,
+    (A,).
+    """
 
     time: int
     positions: Array
@@ -54,7 +57,9 @@ class _Point:
 
 @dataclass(frozen=True, eq=False)
 class _Increment:
-    """Motion of the axes within one period or a part of it: its end, ms, way, rad, and velocities at the end, rad/s, (A,)."""
+    """Motion of the axes within one period or a part of it: its end, ms, way, rad, and velocities
+    at the end, rad/s, (A,).
+    """
 
     end: int
     way: Array
@@ -124,7 +129,9 @@ class ControlGroup:
         return self._too_fast(start)
 
     def add(self, point: GroupPoint) -> int:
-        """Process a further point; return the `Subcode` of a refusal, else 0. The group must not be busy."""
+        """Process a further point; return the `Subcode` of a refusal, else 0. The group must not be
+        busy.
+        """
         found = self._read(point)
         if subcode := self._too_fast(found):
             return subcode
@@ -181,10 +188,12 @@ class ControlGroup:
         assert point.time is not None and point.positions is not None
         assert point.velocities is not None
         size = len(self.positions)
-        # From float32, cut without rounding; NaN becomes 0, as the conversion of a processor may give.
+        # From float32, cut without rounding; NaN becomes 0, as the conversion of a processor may
+        # give.
         scaled = 1000.0 * float(np.float32(point.time))
         time = int(scaled) if isfinite(scaled) else 0
-        # Pulses are 32-bit numbers: NaN becomes the least one, values beyond their range the least or the greatest.
+        # Pulses are 32-bit numbers: NaN becomes the least one, values beyond their range the least
+        # or the greatest.
         positions = np.nan_to_num(np.array(point.positions[:size]), nan=-_PULSE_RANGE_RAD)
         velocities = np.nan_to_num(np.array(point.velocities[:size]))
         kept = np.clip((positions, velocities), -_PULSE_RANGE_RAD, _PULSE_RANGE_RAD)
@@ -226,7 +235,9 @@ class ControlGroup:
 
 
 def _cubic(start: _Point, end: _Point, time: int) -> tuple[Array, Array]:
-    """Return positions, rad, and velocities, rad/s, (A,), of the cubic between two points at a time, ms."""
+    """Return positions, rad, and velocities, rad/s, (A,), of the cubic between two points at a
+    time, ms.
+    """
     step = 1e-3 * (end.time - start.time)
     u = 1e-3 * (time - start.time)
     slope = (end.positions - start.positions) / step

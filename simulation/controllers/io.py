@@ -73,7 +73,9 @@ class InputsAndOutputs:
 
     @staticmethod
     def refusal(subcode: int) -> Message:
-        """Return the reply to bytes that are not a message: a motion reply by type and size, result and sub-code first."""
+        """Return the reply to bytes that are not a message: a motion reply by type and size, result
+        and sub-code first.
+        """
         body = struct.pack("<2i", Result.INVALID, subcode).ljust(60, b"\0")
         return Message(MessageType.MOTION_REPLY, CommType.REPLY, ReplyCode.SUCCESS, body)
 

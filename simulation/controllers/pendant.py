@@ -1,4 +1,6 @@
-"""Pendant and operating state of the virtual controller: key, remote, emergency stop, hold, alarm, servos."""
+"""Pendant and operating state of the virtual controller: key, remote, emergency stop, hold, alarm,
+servos.
+"""
 
 from collections.abc import Callable
 from enum import StrEnum
@@ -15,7 +17,8 @@ class PendantMode(StrEnum):
 
 
 class Pendant:
-    """The switches that an operator sets, and the states of servos and trajectory mode that depend on them.
+    """The switches that an operator sets, and the states of servos and trajectory mode that depend
+    on them.
 
     Attributes:
         mode: position of the key.
@@ -44,7 +47,9 @@ class Pendant:
 
     @property
     def not_ready(self) -> int:
-        """Reason why no trajectory can run now: the first `Subcode` that the firmware checks; 0 if one can."""
+        """Reason why no trajectory can run now: the first `Subcode` that the firmware checks; 0 if
+        one can.
+        """
         for wrong, code in (
             (self.alarm != 0, Subcode.NOT_READY_ALARM),
             (self.e_stop, Subcode.NOT_READY_E_STOP),
@@ -80,7 +85,8 @@ class Pendant:
         self.e_stop = False
 
     def set_mode(self, mode: str) -> None:
-        """Turn the key to "teach" or "play"; teach ends trajectory mode and switches the servos off.
+        """Turn the key to "teach" or "play"; teach ends trajectory mode and switches the servos
+        off.
 
         Raises:
             InputError: another mode.
@@ -112,7 +118,9 @@ class Pendant:
         self.alarm, self._lasting = 0, False
 
     def press_hold(self) -> None:
-        """End the controller's job, brake and empty the queues (not with the firmware of 2013); the servos stay on."""
+        """End the controller's job, brake and empty the queues (not with the firmware of 2013); the
+        servos stay on.
+        """
         self.hold = True
         if not self._keeps_queue:
             self.trajectory_mode = False

@@ -1,4 +1,6 @@
-"""How the firmware cuts the bytes of one read into messages: by each type's size, not by the length word."""
+"""How the firmware cuts the bytes of one read into messages: by each type's size, not by the length
+word.
+"""
 
 import struct
 from dataclasses import dataclass
@@ -54,8 +56,8 @@ class Unread:
 def read_messages(data: bytes, firmware: str) -> list[Message | Unread]:
     """Return the messages of one read, in order.
 
-    MotoROS 1.9.12 accepts complete messages that came together; a part of one is answered and dropped. The firmware of 2013
-    accepts a read that is exactly one message, and drops any other.
+    MotoROS 1.9.12 accepts complete messages that came together; a part of one is answered and
+    dropped. The firmware of 2013 accepts a read that is exactly one message, and drops any other.
     """
     found: list[Message | Unread] = []
     while data:
@@ -93,7 +95,9 @@ def _message(data: bytes, head: Message, size: int) -> Message:
 
 
 def _size(data: bytes, head: Message) -> int | None:
-    """Return the size of the message that begins here, bytes, with its length word; None for an unknown type."""
+    """Return the size of the message that begins here, bytes, with its length word; None for an
+    unknown type.
+    """
     if head.type == MessageType.JOINT_TRAJ_PT_FULL_EX:
         count = struct.unpack_from("<i", data, _HEADER.size)[0] if len(data) >= 20 else _EX_SLOTS
         # An impossible count counts as an incomplete message.

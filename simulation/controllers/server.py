@@ -1,4 +1,6 @@
-"""The virtual controller on the network: the three ports of a DX100 with MotoROS, and injected faults."""
+"""The virtual controller on the network: the three ports of a DX100 with MotoROS, and injected
+faults.
+"""
 
 import select
 import socket
@@ -22,7 +24,7 @@ from unwrinkle.models.errors import HardwareError
 from unwrinkle.simulation.controllers.connection import Connection
 from unwrinkle.simulation.controllers.controller import AXES, GROUP_AXES, VirtualController
 from unwrinkle.simulation.controllers.faults.feedback import FeedbackFaults
-from unwrinkle.simulation.controllers.faults.kinds import KINDS, Faults, ServerFault, spoilt
+from unwrinkle.simulation.controllers.faults.kinds import KINDS, Faults, ServerFault, corrupted
 from unwrinkle.simulation.controllers.faults.replies import (
     begin_on_pendant,
     end_on_pendant,
@@ -161,7 +163,7 @@ class ControllerServer:
         self._answer_waiting()
 
     def wait(self, most: float) -> None:
-        """Wait at most `most`, s, until a client connects or sends: a controller replies at once."""
+        """Wait at most `most`, s, until a client connects or sends; controllers reply at once."""
         links = [link for found in self.links.values() for link in found if not link.closed]
         with suppress(OSError, ValueError):  # closed meanwhile
             ends = [link.fileno() for link in links]
@@ -335,7 +337,7 @@ class ControllerServer:
         self._write(self._connections[name][0], reply, name)
 
     def _write(self, connection: Connection, message: Message, name: str) -> None:
-        data = spoilt(message.encode(), self._faults, name == MOTION, self._random)
+        data = corrupted(message.encode(), self._faults, name == MOTION, self._random)
         connection.send(data, self._faults.any_of("split") is not None)
 
     def _interpolate(self) -> None:

@@ -20,19 +20,20 @@ class VirtualControllerSettings:
     """Properties in which controllers differ. Times in s, angles in rad.
 
     Attributes:
-        firmware: see `Firmware`. That of 2013 accepts one message per read, replies to DISCONNECT, keeps the older of two
-            clients, sends no reason why it is not ready, and hold does not empty the queues.
-        period: of interpolation, whole ms. ASSUMED 4 ms, common on a DX100, which reads it at run time; CloPeMa's own
-            file states 8 ms.
-        delay: from an increment to the axes' motion and its feedback; at least 0.15 s was measured on a DX100
-            (ros-industrial/motoman issue 219).
+        firmware: see `Firmware`. That of 2013 accepts one message per read, replies to DISCONNECT,
+            keeps the older of two clients, sends no reason why it is not ready, and hold does not
+            empty the queues.
+        period: of interpolation, whole ms. ASSUMED 4 ms, common on a DX100, which reads it at run
+            time; CloPeMa's own file states 8 ms.
+        delay: from an increment to the axes' motion and its feedback; at least 0.15 s was measured
+            on a DX100 (ros-industrial/motoman issue 219).
         depth: increments that a group's queue holds.
         start_pulses: largest distance of a first point, pulses.
         pulses_per_radian: of the turn-table and of S, L, U, R, B, T of both arms, (7,).
-        speed_cap: share of the axes' speed above which a point, its speed cut to whole rad/s, is refused (parameters
-            RCnG147).
-        moved: groups whose increments are sent to the servos, of "r1", "r2", "ext_axis"; the queue of another group is
-            not read any more after its first motion.
+        speed_cap: share of the axes' speed above which a point, its speed cut to whole rad/s, is
+            refused (parameters RCnG147).
+        moved: groups whose increments are sent to the servos, of "r1", "r2", "ext_axis"; the queue
+            of another group is not read any more after its first motion.
         braking: deceleration of servos without commands, rad/s^2. ASSUMED, for every axis.
         servo_time: until the servos are on. ASSUMED.
         job_time: until the job waits for points. ASSUMED.

@@ -5,8 +5,9 @@ from typing import Any
 
 from unwrinkle.models.errors import InputError
 
-#: Faults of the grippers. silent: no replies. no_close: they accept the command and do not move. lost_cloth: held cloth
-#: slips, and they close completely. uncalibrated: their position is not calibrated, and they do not move.
+#: Faults of the grippers. silent: no replies. no_close: they accept the command and do not move.
+#: lost_cloth: held cloth slips, and they close completely. uncalibrated: their position is not
+#: calibrated, and they do not move.
 FAULTS = ("silent", "no_close", "lost_cloth", "uncalibrated")
 
 #: Component of the motor, and masks of component and limb, in an identifier.
@@ -40,7 +41,8 @@ class VirtualCanGrippers:
 
     Attributes:
         faults: of `FAULTS`; may be changed at any time.
-        cloth: whether there is cloth between the blades, right and left; may be changed at any time.
+        cloth: whether there is cloth between the blades, right and left; may be changed at any
+            time.
         commands: (limb, data) of every motor command except reads, newest last; the last 1000.
     """
 
@@ -62,7 +64,8 @@ class VirtualCanGrippers:
             limbs: codes of the right and the left gripper.
             cloth: whether there is cloth between the blades.
             stroke_time: of a full stroke, s.
-            thickness: distance from full closure at which blades stop at cloth, parts in ten thousand.
+            thickness: distance from full closure at which blades stop at cloth, parts in ten
+                thousand.
             steps: of the motor in a full stroke.
             faults: of `FAULTS`.
 

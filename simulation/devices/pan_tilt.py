@@ -1,4 +1,6 @@
-"""A virtual pan-tilt unit: whole steps, limits, and a repeatability error that its report does not show."""
+"""A virtual pan-tilt unit: whole steps, limits, and a repeatability error that its report does not
+show.
+"""
 
 from math import ceil, floor
 
@@ -13,7 +15,8 @@ REPEATABILITY = 0.25
 class VirtualPanTilt:
     """A pan-tilt unit as its driver sees it: positions are whole steps, zero is straight ahead.
 
-    Each axis comes to rest with a random error, drawn again for each motion, that its reported position does not show.
+    Each axis comes to rest with a random error, drawn again for each motion, that its reported
+    position does not show.
     """
 
     def __init__(
@@ -30,8 +33,8 @@ class VirtualPanTilt:
         Args:
             step: angle of one step, radians.
             pan, tilt: lower and upper limit, radians.
-            repeatability: standard deviation of an axis' rest position, steps; errors are cut at three
-                times this.
+            repeatability: standard deviation of an axis' rest position, steps; errors are cut at
+                three times this.
             seed: of those errors.
 
         Raises:

@@ -1,4 +1,4 @@
-"""A virtual pan-tilt unit with the ASCII protocol of the PTU-D46, optionally on a pseudo-terminal."""
+"""A virtual pan-tilt unit with the PTU-D46's ASCII protocol, also on a pseudo-terminal."""
 
 import os
 import tty
@@ -10,8 +10,9 @@ import numpy as np
 
 from unwrinkle.models.errors import InputError
 
-#: Faults of a unit. silent: no replies. noise: random bytes between replies. garbage: random bytes in place of replies.
-#: error: every command is refused. stuck: the motors do not turn. limit: reports once that the pan axis has hit its limit.
+#: Faults of a unit. silent: no replies. noise: random bytes between replies. garbage: random bytes
+#: in place of replies. error: every command is refused. stuck: the motors do not turn. limit:
+#: reports once that the pan axis has hit its limit.
 FAULTS = ("silent", "noise", "garbage", "error", "stuck", "limit")
 
 #: Input-buffer limit, bytes.
@@ -132,8 +133,8 @@ class VirtualSerialPanTilt:
             seed: of noise.
 
         Raises:
-            InputError: an unknown fault, limits that do not contain zero, or a resolution that is not
-                positive.
+            InputError: an unknown fault, limits that do not contain zero, or a resolution that is
+                not positive.
         """
         self._settings = settings or UnitSettings()
         s = self._settings

@@ -37,7 +37,10 @@ KINDS: dict[str, str] = {
     "start_mismatch": "refuses every first point for its position",
     "slow": "has read no more than value bytes a poll, 16 if 0, before it reads again",
     "coalesce": "reads at once what comes within value, s, of the first byte",
-    "cut": "a read of the motion connection ends after value bytes, 20 if 0; the next one brings the rest",
+    "cut": (
+        "a read of the motion connection ends after value bytes, 20 if 0; the next one brings "
+        "the rest"
+    ),
     "tiny_buffers": "the sockets' buffers are as small as the system allows, from the beginning",
     "e_stop": "the emergency stop is pressed; at the end it is released",
     "e_stop_released": "the emergency stop is pressed and released after value, s",
@@ -121,7 +124,9 @@ class Faults:
         self._faults.append(fault)
 
     def update(self, now: float, points: int) -> tuple[list[ServerFault], list[ServerFault]]:
-        """Return the faults that begin and those that end at a time, s, and a count of accepted points."""
+        """Return the faults that begin and those that end at a time, s, and a count of accepted
+        points.
+        """
         now += 1e-9  # rounding of the clock
         begun, ended = [], []
         for number, fault in enumerate(self._faults):
@@ -146,8 +151,10 @@ class Faults:
         return max(now - self._begun.get(self._faults.index(fault), now), 0.0)
 
 
-def spoilt(data: bytes, faults: Faults, motion: bool, random: np.random.Generator) -> bytes:
-    """Return a message's bytes with the active faults: garbage before them, a wrong length or a wrong type."""
+def corrupted(data: bytes, faults: Faults, motion: bool, random: np.random.Generator) -> bytes:
+    """Return a message's bytes with the active faults: garbage before them, a wrong length or a
+    wrong type.
+    """
     for kind in ("garbage", "wrong_length", "huge_length", "wrong_type"):
         fault = faults.active.get(kind)
         if fault is None or (fault.value == 1.0) != motion:

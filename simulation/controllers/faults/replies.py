@@ -28,7 +28,9 @@ _NETWORK_INPUTS = (25010, 27567)
 
 
 def motion_fault(faults: Faults, message: Message) -> list[Message]:
-    """Return the replies of a fault on the motion connection in place of the controller's; empty if there is none."""
+    """Return the replies of a fault on the motion connection in place of the controller's; empty if
+    there is none.
+    """
     if not faults.any_of("busy", "not_ready", "start_mismatch"):
         return []
     try:
@@ -62,7 +64,9 @@ def motion_fault(faults: Faults, message: Message) -> list[Message]:
 
 
 def io_fault(faults: Faults, message: Message) -> list[Message]:
-    """Return the replies of a fault on the I/O connection in place of the controller's; empty if there is none."""
+    """Return the replies of a fault on the I/O connection in place of the controller's; empty if
+    there is none.
+    """
     try:
         if message.type == MessageType.WRITE_IO_BIT and faults.any_of("lost_outputs"):
             WriteIo.of(message)

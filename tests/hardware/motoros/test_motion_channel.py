@@ -10,11 +10,11 @@ import pytest
 
 from unwrinkle.hardware.motoros.link import TcpLink
 from unwrinkle.hardware.motoros.motion_channel import (
-    LEAVING,
-    PATIENCE,
+    LEAVE_TIMEOUT_S,
+    STOP_PATIENCE_S,
     Asked,
     MotionChannel,
-    StopAndPart,
+    StopAndClose,
     stop_and_leave,
 )
 from unwrinkle.hardware.motoros.wire import (
@@ -147,9 +147,9 @@ def test_a_stop_does_not_wait_for_ever(peer: Peer) -> None:
     channel.point(POINT, 0, 0, 1.0)
     (point,) = peer.heard()
     channel.stop(1.0)
-    polled(channel, 1.0 + 0.9 * PATIENCE)
+    polled(channel, 1.0 + 0.9 * STOP_PATIENCE_S)
     assert peer.heard() == []
-    polled(channel, 1.0 + 1.1 * PATIENCE)
+    polled(channel, 1.0 + 1.1 * STOP_PATIENCE_S)
     (stop,) = peer.heard()
     assert MotionControl.of(stop).command == Command.STOP_MOTION
     peer.answer(point)
@@ -181,7 +181,7 @@ def test_the_previous_reply_once_more_means_an_unknown_command(peer: Peer) -> No
 def test_a_connection_that_is_given_up_is_stopped_before_it_is_closed(
     peer: Peer, answers: bool
 ) -> None:
-    parting = StopAndPart(peer.link, 1.0, waiting=True)
+    parting = StopAndClose(peer.link, 1.0, waiting=True)
     assert not parting.poll(1.01) and peer.heard() == []
     peer.say(b"what is no message")
     assert not parting.poll(1.02)
@@ -190,7 +190,7 @@ def test_a_connection_that_is_given_up_is_stopped_before_it_is_closed(
     if answers:
         peer.say(b"whatever it is")
         assert parting.poll(1.04)
-    assert parting.poll(1.03 + 1.1 * LEAVING) and peer.link.closed
+    assert parting.poll(1.03 + 1.1 * LEAVE_TIMEOUT_S) and peer.link.closed
 
 
 def serve(peer: Peer, results: Callable[[int], int | None]) -> tuple[list[int], threading.Thread]:
@@ -256,4 +256,4 @@ def test_leaving_a_silent_controller_is_bounded(peer: Peer) -> None:
     peer.link.close()
     thread.join()
     assert came == [STOP]  # more would be read together with it
-    assert took < PATIENCE + LEAVING + 0.5
+    assert took < STOP_PATIENCE_S + LEAVE_TIMEOUT_S + 0.5

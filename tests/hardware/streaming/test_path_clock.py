@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from unwrinkle.hardware.streaming.path_clock import NEARLY, PathClock, Sample
+from unwrinkle.hardware.streaming.path_clock import HIGHEST_REDUCED_RATE, PathClock, Sample
 from unwrinkle.hardware.streaming.sent_cubics import CubicPath, StreamLimits
 from unwrinkle.models.errors import InputError
 from unwrinkle.planning.trajectory import AXES, Trajectory, rate_extremes
@@ -279,7 +279,12 @@ def test_after_a_change_the_full_rate_is_the_trajectorys_own_samples_again(
 def test_rates_just_below_one_are_run_a_little_slower(
     make_trajectory: TrajectoryMaker, stream_limits: StreamLimits
 ) -> None:
-    for wanted, run in ((0.999, NEARLY), (NEARLY, NEARLY), (0.9, 0.9), (1.0, 1.0)):
+    for wanted, run in (
+        (0.999, HIGHEST_REDUCED_RATE),
+        (HIGHEST_REDUCED_RATE, HIGHEST_REDUCED_RATE),
+        (0.9, 0.9),
+        (1.0, 1.0),
+    ):
         clock = PathClock(make_trajectory(5), stream_limits, rate=wanted)
         assert clock.target == run
         points = clock.next_until(np.inf)

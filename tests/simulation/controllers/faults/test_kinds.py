@@ -130,10 +130,10 @@ def test_garbage_is_sent_where_it_is_asked_for(
     client.poll(0.025)
     client.send("motion", READY)
     client.poll()
-    spoilt, whole = ("motion", "state") if motion else ("state", "motion")
+    corrupted, whole = ("motion", "state") if motion else ("state", "motion")
     assert client.read(whole)
     with pytest.raises(WireError) as caught:
-        client.read(spoilt)
+        client.read(corrupted)
     assert caught.value.name in names
 
 
