@@ -24,7 +24,9 @@ class NoSafePlanError(UnwrinkleError):
 
 
 class HardwareError(UnwrinkleError):
-    """A device that does not answer, refuses, or answers what cannot be: nothing more is sent to it."""
+    """A device that does not answer, refuses, or answers what cannot be: nothing more is sent to
+    it.
+    """
 
     exit_code = 4
 
@@ -51,6 +53,10 @@ class OverdueError(HardwareError):
         self.waited = waited
         self.allowed = allowed
 
+    def __reduce__(self) -> tuple[type["OverdueError"], tuple[str, float, float]]:
+        """Pickle with all data."""
+        return type(self), (str(self), self.waited, self.allowed)
+
 
 class RefusedError(HardwareError):
     """A request that a device has refused."""
@@ -67,3 +73,7 @@ class InUseError(HardwareError):
         """State which device is in use, and by whom."""
         super().__init__(text)
         self.owner = owner
+
+    def __reduce__(self) -> tuple[type["InUseError"], tuple[str, str]]:
+        """Pickle with all data."""
+        return type(self), (str(self), self.owner)

@@ -17,6 +17,8 @@ from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 
 AXES = 13
+#: Excess over a limit that is rounding, relative to the limit.
+LIMIT_ROUNDING = 1e-6
 #: Largest speed of an axis at the ends of a trajectory from rest to rest, rad/s.
 REST_SPEED_RAD_S = 1e-6
 

@@ -762,11 +762,11 @@ class ControllerDriver:
             text = f"{text}; {QUEUE_KEPT}" if moving else text
         self._fault(Finding(FaultCause.MOTION, text))
 
-    # Why a command cannot be carried out; empty if it can
+    # Reasons for refusals; empty if there is none
 
     def _cannot_run(self, trajectory: Trajectory) -> str:
         if self._state == FAULT:
-            return f"the driver is in fault ({self._told_reason()}); reset it and plan anew"
+            return f"the driver is in fault ({self._status_reason()}); reset it and plan anew"
         if self._state not in (READY, HELD):
             return f"the driver is {self._state}; wait until it is ready"
         check, view = self._preconditions, self._view()
@@ -798,7 +798,7 @@ class ControllerDriver:
             self._reason = text
         self._event("refused", text)
 
-    # What is known and told
+    # Report
 
     def _moving(self, now: float) -> bool:
         """Return whether motion that was sent has not been run to rest."""
@@ -814,7 +814,7 @@ class ControllerDriver:
     def _event(self, kind: str, text: str, **data: object) -> None:
         self._log.event(self._now, kind, text, **data)
 
-    def _told_reason(self) -> str:
+    def _status_reason(self) -> str:
         """Return the reason for the status, with why a fault could not be reset."""
         return f"{self._reason} [not reset: {self._not_reset}]" if self._not_reset else self._reason
 
@@ -826,7 +826,7 @@ class ControllerDriver:
             command=self._command,
             completed=self._completed,
             progress=0.0 if stream is None else stream.progress(now),
-            reason=self._told_reason(),
+            reason=self._status_reason(),
             override=self._override,
             robot=self._robot,
             feedback_age=self._age(now),

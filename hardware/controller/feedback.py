@@ -18,8 +18,7 @@ from unwrinkle.hardware.motoros.wire import (
 from unwrinkle.hardware.streaming.stream import GROUP_AXES
 from unwrinkle.models.errors import ConnectionLostError, ProtocolError
 from unwrinkle.models.site import ControllerSite
-
-_AXES = 13
+from unwrinkle.planning.trajectory import AXES
 
 
 class FeedbackReader:
@@ -133,7 +132,7 @@ class FeedbackReader:
         return self._set(parts, now)
 
     def _set(self, parts: dict[int, FeedbackBody], now: float) -> JointFeedback | None:
-        positions, reported = np.empty(_AXES), np.zeros(_AXES)
+        positions, reported = np.empty(AXES), np.zeros(AXES)
         stamp = parts[0].time
         last = self.feedback
         newest = None if last is None else last.stamp
@@ -155,7 +154,7 @@ class FeedbackReader:
             positions[axes] = body.positions[:size]
             if body.velocities is not None:
                 reported[axes] = body.velocities[:size]
-        velocities = reported if self._site.velocities == "reported" else np.zeros(_AXES)
+        velocities = reported if self._site.velocities == "reported" else np.zeros(AXES)
         if last is not None and self._site.velocities == "differences":
             step = interval(last, now, stamp, self._site.feedback_period)
             velocities = (positions - last.positions) / step

@@ -42,7 +42,7 @@ class Preconditions:
         Args:
             site: of the controller.
             limits: of the axes.
-            monitor: tells whether the robot stands at a position.
+            monitor: checks whether the robot stands at a position.
             speed_cap: (13,) greatest speeds that the controller's speed governor allows, rad/s.
         """
         self._site = site

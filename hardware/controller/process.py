@@ -33,7 +33,7 @@ from unwrinkle.hardware.controller_state import FAULT, OFFLINE, DriverStatus
 from unwrinkle.hardware.run_log.protocol import RunLogger
 from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.models.arrays import Array
-from unwrinkle.models.errors import HardwareError
+from unwrinkle.models.errors import ConnectionLostError, HardwareError, OverdueError
 from unwrinkle.models.limits import Limits
 from unwrinkle.models.site import ControllerSite
 
@@ -46,6 +46,8 @@ _LONGEST_ANSWER_S = 3.0
 LONGEST_SILENCE_S = 2.0
 #: Between two reports while waiting, s.
 _WAIT_PERIOD_S = 0.01
+#: Message of a process that has ended.
+_ENDED = "the driver's process has ended"
 
 
 class DriverProcess(DriverProxy):
@@ -102,12 +104,12 @@ class DriverProcess(DriverProxy):
                     stdin=subprocess.DEVNULL,
                 )
             self._connection = Connection(ours.detach())
-            with contextlib.suppress(OSError):  # the answer says more
+            with contextlib.suppress(OSError):  # reported by the missing answer
                 self._connection.send_bytes(pickle.dumps(self._arguments))
             problem = self._answer(self._deadline)
-            if problem:
+            if problem is not None:
                 self._end()
-                raise HardwareError(problem)
+                raise problem
 
     def close(self) -> None:
         """Hold, wait for rest (bounded), leave trajectory mode, disconnect; a second call changes
@@ -154,13 +156,13 @@ class DriverProcess(DriverProxy):
         with self._lock:
             if self._connection is None:
                 return self._last
-            problem = ""
             try:
                 self._connection.send((name, arguments))
             except OSError:
-                problem = "the driver's process has ended"
-            problem = problem or self._answer(_LONGEST_ANSWER_S)
-            if problem:
+                problem: HardwareError | None = ConnectionLostError(_ENDED)
+            else:
+                problem = self._answer(_LONGEST_ANSWER_S)
+            if problem is not None:
                 self._end()
                 # A process that ended by itself has braked and disconnected; one that was killed
                 # has not.
@@ -175,17 +177,18 @@ class DriverProcess(DriverProxy):
                 self._last = DriverReport(status, self._last.feedback)
             return self._last
 
-    def _answer(self, deadline: float) -> str:
-        """Receive a report within `deadline`, s; return why there is none, else empty."""
+    def _answer(self, deadline: float) -> HardwareError | None:
+        """Receive a report within `deadline`, s; return why there is none."""
         connection = self._connection
         assert connection is not None
         try:
             if not connection.poll(deadline):
-                return f"the driver's process did not answer within {deadline:g} s"
+                text = f"the driver's process did not answer within {deadline:g} s"
+                return OverdueError(text, deadline, deadline)
             answer = connection.recv()
         except (OSError, EOFError):
-            return "the driver's process has ended"
-        if isinstance(answer, str):
+            return ConnectionLostError(_ENDED)
+        if isinstance(answer, HardwareError):
             return answer
         before, now = self._last.feedback, answer.feedback
         if before is not None and now is not None and before.count == now.count:
@@ -193,7 +196,7 @@ class DriverProcess(DriverProxy):
                 answer.status, before, answer.inputs, answer.outputs_written, answer.io_problem
             )
         self._last = answer
-        return ""
+        return None
 
     def _end(self) -> None:
         """Close the connection to the other process, which then holds and disconnects by itself."""
@@ -226,7 +229,7 @@ def serve(connection: "Connection[Any, Any]") -> None:
             connection.send(DriverReport())
     except HardwareError as error:
         with contextlib.suppress(OSError):
-            connection.send(str(error))
+            connection.send(error)
     finally:
         if log is not None:
             log.close()

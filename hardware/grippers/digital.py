@@ -45,29 +45,29 @@ class DigitalGrippers(GripperPair):
                 "the "
                 "site's close_output and the I/O connection"
             )
-        told = self._told(self._site.closed_input[index])
-        if self._site.closed_input[index] and told != closed:
-            says = "nothing" if told is None else ("closed" if told else "open")
+        measured = self._sensor(self._site.closed_input[index])
+        if self._site.closed_input[index] and measured != closed:
+            says = "nothing" if measured is None else ("closed" if measured else "open")
             return (
                 f"the {side} gripper is not {word}: input {self._site.closed_input[index]} says "
                 f"{says}; "
                 "check its air, its cable and the site's addresses"
             )
         if closed and self._site.holding_input[index]:
-            holds = self._told(self._site.holding_input[index])
+            holds = self._sensor(self._site.holding_input[index])
             if holds is None:
                 return (
                     f"input {self._site.holding_input[index]} of the {side} gripper does not answer"
                 )
         return ""
 
-    def _told(self, address: int) -> bool | None:
+    def _sensor(self, address: int) -> bool | None:
         value = self._io.inputs.get(address) if address else None
         return None if value is None else bool(value)
 
     def _closed(self, index: int) -> bool:
-        told = self._told(self._site.closed_input[index])
-        return bool(self._taken[index]) if told is None else told
+        measured = self._sensor(self._site.closed_input[index])
+        return bool(self._taken[index]) if measured is None else measured
 
     def _holding(self, index: int) -> bool | None:
-        return self._told(self._site.holding_input[index])
+        return self._sensor(self._site.holding_input[index])

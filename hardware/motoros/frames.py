@@ -50,6 +50,10 @@ class WireError(ProtocolError):
         self.name = name
         self.messages = messages
 
+    def __reduce__(self) -> tuple[type["WireError"], tuple[str, str, tuple["Message", ...]]]:
+        """Pickle with all data."""
+        return type(self), (self.name, str(self), self.messages)
+
 
 @dataclass(frozen=True)
 class Message:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from unwrinkle.hardware.run_log.writer import FORMAT, VERSION
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
+from unwrinkle.planning.trajectory import AXES
 
-_AXES = 13
 #: Longest line of a record, bytes.
 _LONGEST_LINE = 1 << 20
 
@@ -216,14 +216,14 @@ class _Reader:
             np.array([item[1] for item in sent], dtype=np.int64),
             np.array([item[2] for item in sent], dtype=np.int64),
             np.array([item[3] for item in sent], dtype=float),
-            np.array([item[4] for item in sent], dtype=float).reshape(-1, _AXES),
-            np.array([item[5] for item in sent], dtype=float).reshape(-1, _AXES),
+            np.array([item[4] for item in sent], dtype=float).reshape(-1, AXES),
+            np.array([item[5] for item in sent], dtype=float).reshape(-1, AXES),
         )
         measured = MeasuredJoints(
             np.array([item[0] for item in seen], dtype=float),
             np.array([item[1] for item in seen], dtype=float),
-            np.array([item[2] for item in seen], dtype=float).reshape(-1, _AXES),
-            np.array([item[3] for item in seen], dtype=float).reshape(-1, _AXES),
+            np.array([item[2] for item in seen], dtype=float).reshape(-1, AXES),
+            np.array([item[3] for item in seen], dtype=float).reshape(-1, AXES),
         )
         events, statuses = tuple(self._events), tuple(self._statuses)
         return RunLogRecords(self._header, commanded, measured, statuses, events, cut)
@@ -238,6 +238,6 @@ def _number(value: Any) -> float:
 
 
 def _axes(values: Any) -> list[float]:
-    if not isinstance(values, list) or len(values) != _AXES:
-        raise ValueError(f"needs {_AXES} numbers")
+    if not isinstance(values, list) or len(values) != AXES:
+        raise ValueError(f"needs {AXES} numbers")
     return [_number(value) for value in values]

@@ -11,13 +11,11 @@ import numpy as np
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.limits import Limits
-from unwrinkle.planning.trajectory import AXES, Trajectory
+from unwrinkle.planning.trajectory import AXES, LIMIT_ROUNDING, Trajectory
 
 #: Greatest speed, rad/s, acceleration, rad/s^2, and jerk, rad/s^3, (13,) each; see `rate_extremes`.
 RateExtremes = tuple[Array, Array, Array]
 
-#: Excess over a limit that is rounding, relative.
-_LIMIT_ROUNDING = 1e-6
 #: Fraction of a millisecond that is rounding.
 _MILLISECOND_ROUNDING = 1e-7
 #: Difference of two times that are the same, s.
@@ -71,7 +69,7 @@ class StreamLimits:
         """Return whether extremes are within the limits."""
         bounds = (self.velocity, self.acceleration, self.jerk)
         return all(
-            bool((value <= bound * (1.0 + _LIMIT_ROUNDING)).all())
+            bool((value <= bound * (1.0 + LIMIT_ROUNDING)).all())
             for value, bound in zip(values, bounds, strict=True)
         )
 

@@ -5,10 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from unwrinkle.models.limits import Limits
-from unwrinkle.planning.trajectory import Trajectory
-
-#: Excess over a limit that is rounding, relative.
-_LIMIT_ROUNDING = 1e-6
+from unwrinkle.planning.trajectory import LIMIT_ROUNDING, Trajectory
 
 
 def trajectory_problem(trajectory: Trajectory, limits: Limits, axes: Sequence[str]) -> str:
@@ -30,7 +27,7 @@ def trajectory_problem(trajectory: Trajectory, limits: Limits, axes: Sequence[st
         ("acceleration", found.acceleration, limits.acceleration, "rad/s²"),
         ("jerk", found.jerk, limits.jerk, "rad/s³"),
     ):
-        over = value - most - _LIMIT_ROUNDING * np.abs(most)
+        over = value - most - LIMIT_ROUNDING * np.abs(most)
         axis = int(over.argmax())
         if not over[axis] <= 0.0:
             return (

@@ -21,10 +21,7 @@ from unwrinkle.models.arrival import (
 )
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.motion_mode import MotionMode
-from unwrinkle.planning.trajectory import SampledCubic
-
-#: Excess over a limit that is rounding, relative.
-_LIMIT_ROUNDING = 1e-6
+from unwrinkle.planning.trajectory import LIMIT_ROUNDING, SampledCubic
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +252,7 @@ class TrajectoryPlayer:
             ("velocity", found.speed, limits.velocity),
             ("acceleration", found.acceleration, limits.acceleration),
         ):
-            over = value - most - _LIMIT_ROUNDING * np.abs(most)
+            over = value - most - LIMIT_ROUNDING * np.abs(most)
             axis = int(over.argmax())
             if not over[axis] <= 0.0:
                 return (

@@ -39,6 +39,7 @@ from unwrinkle.hardware.motoros.wire import (
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.site import GROUPS
+from unwrinkle.planning.trajectory import AXES
 from unwrinkle.simulation.controllers.audit import Audit, AuditLimits
 from unwrinkle.simulation.controllers.group import LONGEST_TIME_S, Axes, ControlGroup
 from unwrinkle.simulation.controllers.io import InputsAndOutputs
@@ -59,7 +60,6 @@ __all__ = [
 ]
 
 
-AXES = 13
 #: Indices of the axes of each control group.
 GROUP_AXES = (tuple(range(1, 7)), tuple(range(7, 13)), (0,))
 
@@ -471,8 +471,8 @@ def _known_fields(message: Message, places: Iterable[int]) -> Message:
 
 def _reply(group: int, sequence: int, command: int, result: int, subcode: int = 0) -> Message:
     """Return a motion reply; its header states success for every result."""
-    told = MotionReply(group, sequence, command, result, subcode)
-    return told.to_message(reply=ReplyCode.SUCCESS)
+    answer = MotionReply(group, sequence, command, result, subcode)
+    return answer.to_message(reply=ReplyCode.SUCCESS)
 
 
 def _unread(unread: Unread, firmware: str) -> Message:

@@ -59,8 +59,8 @@ def motion_fault(faults: Faults, message: Message) -> list[Message]:
         result, subcode = Result.INVALID, Subcode.INVALID_START
     if result < 0:
         return []
-    told = MotionReply(group, sequence, command, result, subcode)
-    return [told.to_message(reply=ReplyCode.SUCCESS)]
+    answer = MotionReply(group, sequence, command, result, subcode)
+    return [answer.to_message(reply=ReplyCode.SUCCESS)]
 
 
 def io_fault(faults: Faults, message: Message) -> list[Message]:
@@ -82,9 +82,14 @@ def io_fault(faults: Faults, message: Message) -> list[Message]:
 
 def with_wrong_sequence(reply: Message) -> Message:
     """Return a motion reply with another sequence number."""
-    told = MotionReply.of(reply)
+    original = MotionReply.of(reply)
     wrong = MotionReply(
-        told.group, told.sequence + 7, told.command, told.result, told.subcode, told.data
+        original.group,
+        original.sequence + 7,
+        original.command,
+        original.result,
+        original.subcode,
+        original.data,
     )
     return wrong.to_message(reply=reply.reply)
 
