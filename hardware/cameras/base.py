@@ -152,15 +152,13 @@ class GrabbedPair:
         if left.pixels.shape != right.pixels.shape:
             return (
                 f"the pictures' sizes differ: left {left.pixels.shape[:2]}, right "
-                f"{right.pixels.shape[:2]}; "
-                "set both cameras to the same mode"
+                f"{right.pixels.shape[:2]}; set both cameras to the same mode"
             )
         apart = abs(left.time - right.time)
         if not apart <= self._skew:
             return (
                 f"the two eyes' exposures are {apart:.2f} s apart, at most {self._skew:g} s (the "
-                "site's skew); "
-                "they do not show the same scene"
+                "site's skew); they do not show the same scene"
             )
         return ""
 

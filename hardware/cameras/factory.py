@@ -27,8 +27,7 @@ def open_cameras(site: CameraSite) -> PairCamera:
     if site.kind == "openni2":
         raise InputError(
             "cameras.kind 'openni2' is one depth camera and takes no pair; give folder, watch, "
-            "opencv or "
-            "gphoto2"
+            "opencv or gphoto2"
         )
     raise InputError(
         f"cameras.kind is '{site.kind}' in the site; give folder, watch, opencv or gphoto2"

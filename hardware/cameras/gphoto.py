@@ -79,8 +79,7 @@ class GphotoCamera(GrabbedPair):
         if not site.left or not site.right or site.left == site.right:
             raise InputError(
                 "cameras.kind 'gphoto2' needs two different USB ports in cameras.left and "
-                "cameras.right, got "
-                f"'{site.left}' and '{site.right}'"
+                f"cameras.right, got '{site.left}' and '{site.right}'"
             )
         self._ports = (site.left, site.right)
         self._child, self._reset, self._deadline = tuple(child), reset, site.timeout
@@ -153,8 +152,7 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
         except subprocess.TimeoutExpired:
             raise HardwareError(
                 f"the capturing process {process.pid} cannot be killed: it hangs in the USB "
-                "driver; unplug "
-                "the cameras"
+                "driver; unplug the cameras"
             ) from None
 
 

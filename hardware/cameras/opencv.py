@@ -60,8 +60,7 @@ class OpenCvCamera(GrabbedPair):
         if not site.left or not site.right or site.left == site.right:
             raise InputError(
                 "cameras.kind 'opencv' needs two different cameras in cameras.left and "
-                "cameras.right, got "
-                f"'{site.left}' and '{site.right}'"
+                f"cameras.right, got '{site.left}' and '{site.right}'"
             )
         self._sources, self._open = (site.left, site.right), open_device
         self._devices: list[Device] = []

@@ -83,8 +83,7 @@ def grab_openni2() -> DepthFrame:
         ) from None
     stage = (
         "the OpenNI2 library does not load: {}; install it (package libopenni2-0), or set "
-        "OPENNI2_REDIST to its "
-        "folder"
+        "OPENNI2_REDIST to its folder"
     )
     try:
         openni2.initialize()

@@ -59,16 +59,14 @@ from unwrinkle.planning.trajectory import Trajectory
 #: Instruction where the controller reports motion although no motion connection exists.
 QUEUE_LEFT = (
     "the robot moves, or its controller has motion left in its queues, and the next connection to "
-    "its motion port would "
-    "run it: none was made. Keep clear; press HOLD on the pendant or turn its mode key (MotoROS "
-    "1.9.12 then empties the "
-    "queues), or send a stop as the very first bytes with --clear-queue"
+    "its motion port would run it: none was made. Keep clear; press HOLD on the pendant or turn "
+    "its mode key (MotoROS 1.9.12 then empties the queues), or send a stop as the very first "
+    "bytes with --clear-queue"
 )
 #: Instruction where a motion connection has just ended during motion.
 QUEUE_KEPT = (
-    "what is in the controller's queues stays there and would be run at the next connection: press "
-    "HOLD on the pendant "
-    "before anything connects again"
+    "what is in the controller's queues stays there and would be run at the next connection: "
+    "press HOLD on the pendant before anything connects again"
 )
 
 #: A controller in trajectory mode that was sent nothing for this long is asked for its state, s.

@@ -148,8 +148,7 @@ class FeedbackReader:
             if any(body.positions[size:]):
                 raise ProtocolError(
                     f"feedback of group {k} ({name}) has more than {size} axes; compare the site's "
-                    "groups with "
-                    "the controller's"
+                    "groups with the controller's"
                 )
             positions[axes] = body.positions[:size]
             if body.velocities is not None:

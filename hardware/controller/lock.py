@@ -61,8 +61,7 @@ class OwnerLock:
         except OSError as error:
             raise HardwareError(
                 f"the lock of the robot at {self._what} cannot be opened: {self.path}: "
-                f"{error.strerror}; "
-                "set XDG_RUNTIME_DIR to a folder of yours"
+                f"{error.strerror}; set XDG_RUNTIME_DIR to a folder of yours"
             ) from None
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

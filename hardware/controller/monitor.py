@@ -106,8 +106,7 @@ class Monitor:
             return Finding(
                 FaultCause.FEEDBACK,
                 f"feedback says {AXIS_NAMES[axis_index]} stands at {q[axis_index]:.4f} rad, its "
-                "limits are "
-                f"{low:.4f} and {high:.4f} rad{hint}",
+                f"limits are {low:.4f} and {high:.4f} rad{hint}",
             )
         if last is None:
             return None
@@ -123,8 +122,7 @@ class Monitor:
             return Finding(
                 FaultCause.JUMP,
                 f"feedback of {AXIS_NAMES[axis_index]} jumped by {moved:.4f} rad in "
-                f"{1e3 * step:.0f} ms, at most "
-                f"{room[axis_index]:.4f} rad is possible; {hint}",
+                f"{1e3 * step:.0f} ms, at most {room[axis_index]:.4f} rad is possible; {hint}",
             )
         return None
 

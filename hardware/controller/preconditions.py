@@ -72,9 +72,8 @@ class Preconditions:
             axis = int(speed_shares([trajectory], self._speed_cap).argmax())
             return (
                 f"{AXIS_NAMES[axis]} is to move at {override / most:.2f} of what the controller's "
-                "speed governor "
-                f"allows (controller.speed_cap {self._site.speed_cap:g}); at most {most:.3f} of "
-                "the planned speed"
+                f"speed governor allows (controller.speed_cap {self._site.speed_cap:g}); at most "
+                f"{most:.3f} of the planned speed"
             )
         return ""
 

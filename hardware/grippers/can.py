@@ -97,8 +97,7 @@ def open_can_bus(site: GripperSite) -> CanBus:
     except (can.CanError, OSError, ValueError, ImportError, NotImplementedError) as error:
         raise ConnectionLostError(
             f"cannot open CAN interface {site.interface}, channel {site.channel}, at "
-            f"{site.bitrate} bit/s: "
-            f"{error}; is the adapter plugged in, and its driver loaded?"
+            f"{site.bitrate} bit/s: {error}; is the adapter plugged in, and its driver loaded?"
         ) from None
     return bus
 
@@ -157,8 +156,7 @@ class CanGrippers(GripperPair):
     def _broken(self, error: Exception) -> HardwareError:
         return ConnectionLostError(
             f"CAN bus {self._site.channel} fails: {error}; check its cable, its termination and "
-            "the "
-            "grippers' supply"
+            "the grippers' supply"
         )
 
     def _listen(self, now: float) -> None:

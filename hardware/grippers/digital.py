@@ -42,16 +42,14 @@ class DigitalGrippers(GripperPair):
             why = self._io.io_problem or "it has not answered"
             return (
                 f"the controller has not set output {output} for the {side} gripper ({why}); check "
-                "the "
-                "site's close_output and the I/O connection"
+                "the site's close_output and the I/O connection"
             )
         measured = self._sensor(self._site.closed_input[index])
         if self._site.closed_input[index] and measured != closed:
             says = "nothing" if measured is None else ("closed" if measured else "open")
             return (
                 f"the {side} gripper is not {word}: input {self._site.closed_input[index]} says "
-                f"{says}; "
-                "check its air, its cable and the site's addresses"
+                f"{says}; check its air, its cable and the site's addresses"
             )
         if closed and self._site.holding_input[index]:
             holds = self._sensor(self._site.holding_input[index])

@@ -60,8 +60,7 @@ class TcpLink:
             )
             raise ConnectionLostError(
                 f"{name}: cannot connect to {host}:{port} within {deadline:g} s: {reason}; is it "
-                "on, "
-                "and are address and port right?"
+                "on, and are address and port right?"
             ) from None
         return cls(connection, name)
 

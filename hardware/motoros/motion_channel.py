@@ -186,8 +186,7 @@ class MotionChannel:
                 return asked, unknown
             raise ProtocolError(
                 f"the controller answers command {reply.command}, group {reply.group}, sequence "
-                f"{reply.sequence} "
-                f"where {_label(asked)} was due"
+                f"{reply.sequence} where {_label(asked)} was due"
             )
         return asked, reply
 

@@ -269,8 +269,7 @@ class PanTiltDriver:
         if self._attempts >= _ATTEMPTS:
             self._fail(
                 f"{why} to {question} in {_ATTEMPTS} attempts of {self._site.reply_timeout:g} s; "
-                "is it "
-                f"switched on, is its cable in, and does it run at {self._site.baud} baud?"
+                f"is it switched on, is its cable in, and does it run at {self._site.baud} baud?"
             )
             return
         _log.debug("%s: %s to %s; asking again", self.name, why, question)
@@ -294,8 +293,7 @@ class PanTiltDriver:
             if not step > 0.0 or not lower <= upper:
                 self._fail(
                     f"it reports a resolution of {step:g} rad and {_NAMES[axis]} limits {lower:g} "
-                    "to "
-                    f"{upper:g}, which cannot be"
+                    f"to {upper:g}, which cannot be"
                 )
                 return
             if (
@@ -304,10 +302,8 @@ class PanTiltDriver:
             ):
                 self._fail(
                     f"its {_NAMES[axis]} resolution is {step / ARC_SECOND:.4f} seconds of arc per "
-                    "position, "
-                    f"the head's file expects {self._expected / ARC_SECOND:.4f}; set the unit's "
-                    "step mode "
-                    "(WP, WT), or calibrate the head anew"
+                    f"position, the head's file expects {self._expected / ARC_SECOND:.4f}; set the "
+                    "unit's step mode (WP, WT), or calibrate the head anew"
                 )
                 return
 
@@ -333,8 +329,7 @@ class PanTiltDriver:
             return  # from an earlier reset
         self._fail(
             f"its {_NAMES[axis]} axis has hit its stop and has lost count of its position; clear "
-            "its way, "
-            "reset it by hand (command R, which moves it), then restart it"
+            "its way, reset it by hand (command R, which moves it), then restart it"
         )
 
     def _progress(self) -> None:

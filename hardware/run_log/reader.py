@@ -175,8 +175,7 @@ class _Reader:
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise InputError(
                 f"{self._path}: line {number} is damaged ({error!r}); only the last line of a log "
-                "may be "
-                "cut"
+                "may be cut"
             ) from None
 
     def _take_header(self, record: dict[str, Any]) -> None:

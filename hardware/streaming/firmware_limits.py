@@ -31,8 +31,7 @@ def unmoved_group(trajectories: Sequence[Trajectory], moved: Sequence[str]) -> s
             )
             return (
                 f"{name} is to move by {way:.3f} rad, and this controller's firmware does not move "
-                "it "
-                f"(controller.groups_moved: {', '.join(moved)}); {hint}"
+                f"it (controller.groups_moved: {', '.join(moved)}); {hint}"
             )
     return ""
 

@@ -32,7 +32,6 @@ def trajectory_problem(trajectory: Trajectory, limits: Limits, axes: Sequence[st
         if not over[axis] <= 0.0:
             return (
                 f"{what} of {axes[axis]} reaches {value[axis]:.4f} {unit}, {over[axis]:.2g} beyond "
-                "its limit "
-                f"{most[axis]:.4f} {unit}"
+                f"its limit {most[axis]:.4f} {unit}"
             )
     return ""

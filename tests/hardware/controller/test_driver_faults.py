@@ -188,6 +188,20 @@ def test_a_fault_latches_until_a_reset_and_a_new_plan(
     assert rig.sent_commands().count(Command.START_TRAJ_MODE) == 2
 
 
+def test_a_reset_ends_with_its_connection(make_rig: RigMaker) -> None:
+    rig = make_rig()
+    rig.connect()
+    rig.driver.fail("the first")
+    rig.driver.reset()
+    rig.driver.close()
+    rig.turn()
+    rig.connect()
+    assert rig.state == "ready"
+    rig.driver.fail("the second")
+    rig.wait(0.5)
+    assert rig.state == "fault" and rig.reason == "the second"
+
+
 def test_a_reset_waits_for_the_emergency_stop_to_be_released(
     make_rig: RigMaker, make_trajectory: TrajectoryMaker
 ) -> None:
