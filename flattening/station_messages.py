@@ -35,9 +35,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.motion_mode import MotionMode
 from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.perception.stereo.head import Gaze
+from unwrinkle.planning.motion_mode import MotionMode
 from unwrinkle.planning.trajectory import Trajectory
 
 #: What the controller does.

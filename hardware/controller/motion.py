@@ -11,12 +11,12 @@ from unwrinkle.hardware.controller.monitor import AXIS_NAMES
 from unwrinkle.hardware.controller_state import JointFeedback
 from unwrinkle.hardware.streaming.stream import PointStream
 from unwrinkle.models.arrays import Array
-from unwrinkle.models.arrival import (
+from unwrinkle.models.site import ControllerSite
+from unwrinkle.planning.arrival import (
     ARRIVAL_TIME_S,
     ARRIVED_POSITION_RAD,
     ARRIVED_SPEED_RAD_S,
 )
-from unwrinkle.models.site import ControllerSite
 
 
 @dataclass(eq=False)

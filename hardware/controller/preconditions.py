@@ -10,9 +10,9 @@ from unwrinkle.hardware.streaming.firmware_limits import speed_shares, unmoved_g
 from unwrinkle.hardware.streaming.stream import PointStream
 from unwrinkle.hardware.streaming.trajectory_check import trajectory_problem
 from unwrinkle.models.arrays import Array
-from unwrinkle.models.arrival import ARRIVED_SPEED_RAD_S
 from unwrinkle.models.limits import Limits
 from unwrinkle.models.site import ControllerSite
+from unwrinkle.planning.arrival import ARRIVED_SPEED_RAD_S
 from unwrinkle.planning.trajectory import Trajectory
 
 

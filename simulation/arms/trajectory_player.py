@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from unwrinkle.models.arrays import Array
-from unwrinkle.models.arrival import (
+from unwrinkle.models.errors import InputError
+from unwrinkle.planning.arrival import (
     ARRIVAL_TIME_S,
     ARRIVED_POSITION_RAD,
     ARRIVED_SPEED_RAD_S,
 )
-from unwrinkle.models.errors import InputError
-from unwrinkle.models.motion_mode import MotionMode
+from unwrinkle.planning.motion_mode import MotionMode
 from unwrinkle.planning.trajectory import LIMIT_ROUNDING, SampledCubic
 
 

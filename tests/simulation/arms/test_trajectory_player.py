@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.motion_mode import MotionMode
+from unwrinkle.planning.motion_mode import MotionMode
 from unwrinkle.planning.trajectory import SampledCubic
 from unwrinkle.simulation.arms.trajectory_player import (
     PlayerLimits,
