@@ -395,7 +395,7 @@ def pieces(case: Case) -> None:
                 tail = rig.commands()[-2:]
                 case.expect(
                     tail == [Command.STOP_TRAJ_MODE, Command.DISCONNECT]
-                    and not rig.controller.trajectory_mode,
+                    and not rig.controller.pendant.trajectory_mode,
                     "leaving is carried out, message by message",
                     tail,
                 )

@@ -222,7 +222,7 @@ def pressed(case: Case) -> None:
         rig.settle()
         # Released in the meantime; nothing may come of that.
         rig.step(250)
-        case.expect(not rig.controller.e_stop, "the stop is released again")
+        case.expect(not rig.controller.pendant.e_stop, "the stop is released again")
         stands = rig.controller.positions
         checks.latched(case, rig)
         case.expect(rig.off_path() <= checks.NEAR_PATH, "the arms stand near their path")

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.limits import Limits
-from unwrinkle.simulation.arms.track import Track
+from unwrinkle.planning.trajectory import SampledCubic
 
 #: Of a limit: rounding of this reckoning.
 _RELATIVE = 1e-6
@@ -55,21 +55,14 @@ def limit_violations(streams: Sequence[SentPoints], limits: Limits) -> list[str]
         if not (steps > 0.0).all():
             found.append(f"axes {i.tolist()}: time does not increase")
             continue
-        track = Track(stream.times - stream.times[0], stream.positions, stream.velocities)
-        low, high, speed, _ = track.extremes()
-        found += _beyond("position", i, high - limits.upper[i], limits.upper[i])
-        found += _beyond("position", i, limits.lower[i] - low, limits.lower[i])
-        h = steps[:, None]
-        slope = np.diff(stream.positions, axis=0) / h
-        v0, v1 = stream.velocities[:-1], stream.velocities[1:]
-        jerk = np.abs(6.0 * (v0 + v1 - 2.0 * slope) / h**2)
-        begin = np.abs(2.0 * (3.0 * slope - 2.0 * v0 - v1) / h)
-        end = np.abs(2.0 * (v0 + 2.0 * v1 - 3.0 * slope) / h)
-        acceleration = np.maximum(begin, end)
+        cubic = SampledCubic(stream.times - stream.times[0], stream.positions, stream.velocities)
+        seen = cubic.extremes()
+        found += _beyond("position", i, seen.upper - limits.upper[i], limits.upper[i])
+        found += _beyond("position", i, limits.lower[i] - seen.lower, limits.lower[i])
         for what, values, most in (
-            ("velocity", speed, limits.velocity[i]),
-            ("acceleration", acceleration.max(axis=0), limits.acceleration[i]),
-            ("jerk", jerk.max(axis=0), limits.jerk[i]),
+            ("velocity", seen.speed, limits.velocity[i]),
+            ("acceleration", seen.acceleration, limits.acceleration[i]),
+            ("jerk", seen.jerk, limits.jerk[i]),
         ):
             found += _beyond(what, i, values - most, most)
     return found

@@ -18,8 +18,8 @@ from unwrinkle.planning.search.planner import FlatteningPlanner
 from unwrinkle.planning.timing.joint_path import JointPath, PathLimits
 from unwrinkle.planning.timing.path_timing import time_paths
 from unwrinkle.planning.timing.straight_lines import time_line
+from unwrinkle.planning.trajectory import SampledCubic
 from unwrinkle.planning.verification.verifier import verify
-from unwrinkle.simulation.arms.track import Track
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
 
 #: Rounding of the cubics' own extremes at a sample period, of a limit.
@@ -92,8 +92,10 @@ def nasty_paths(case: Case) -> None:
     for name, points in nasty.items():
         (timed,) = time_paths([JointPath.through(points)], [full])
         t, q, v = timed.sample(min(0.008, timed.duration / 20.0))
-        _, _, speed, acceleration = Track(t, q, v).extremes()
-        worst = max((speed / limits.velocity).max(), (acceleration / limits.acceleration).max())
+        found = SampledCubic(t, q, v).extremes()
+        worst = max(
+            (found.speed / limits.velocity).max(), (found.acceleration / limits.acceleration).max()
+        )
         over = [f"{name}: {worst:.3f} of a limit"] if worst > 1.0 + _CUBICS else []
         case.violations(over)
         ends = np.abs(q[[0, -1]] - points[[0, -1]]).max()

@@ -20,6 +20,7 @@ from unwrinkle.models.shared import Shared
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.perception.stereo.head_file import nominal_calibration
+from unwrinkle.planning.motion_mode import MotionMode
 from unwrinkle.simulation.rendering.synthetic_towel import Towel, capture_of, overhead_pose
 from unwrinkle.systems.abstract_state import set_state_value, state_value
 from unwrinkle.systems.diagram import build_flattening_diagram, supervisor_state
@@ -154,20 +155,20 @@ class ScriptedStation(LeafSystem):
             script.sent.append(command.name)
             script.posture.append(world.q)
             status = station_messages.ControllerStatus(
-                station_messages.RUNNING, command.number, world.status.completed
+                MotionMode.RUNNING, command.number, world.status.completed
             )
             if command.trajectory is None:
-                status = dc.replace(status, state=station_messages.HOLDING)
+                status = dc.replace(status, state=MotionMode.HOLDING)
             world = dc.replace(world, status=status, running=command, began=now)
         moving = world.running.trajectory
-        if world.status.state != station_messages.RUNNING or moving is None:
+        if world.status.state != MotionMode.RUNNING or moving is None:
             return dc.replace(world, v=np.zeros(13))
         t = min(now - world.began, moving.duration)
         motion = moving.interpolant()
         world = dc.replace(world, q=motion(t), v=motion(t, 1))
         if t >= moving.duration:
             number = world.running.number
-            done = station_messages.ControllerStatus(station_messages.IDLE, number, number)
+            done = station_messages.ControllerStatus(MotionMode.IDLE, number, number)
             return dc.replace(world, status=done, v=np.zeros(13))
         if script.lost_at and world.running.name == script.lost_at and t > 0.5 * moving.duration:
             world = dc.replace(world, grip=dc.replace(world.grip, holding=(False, False)))

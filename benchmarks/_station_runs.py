@@ -10,7 +10,6 @@ from pydrake.systems.analysis import Simulator
 from unwrinkle.flattening.execution import steps_of
 from unwrinkle.flattening.state import SupervisorSettings, SupervisorState
 from unwrinkle.flattening.station_messages import (
-    FAULT,
     ControllerStatus,
     GripperCommand,
     GripperStatus,
@@ -24,6 +23,7 @@ from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import Scenario
 from unwrinkle.perception.stereo.head import StereoHead
 from unwrinkle.perception.stereo.head_file import nominal_calibration
+from unwrinkle.planning.motion_mode import MotionMode
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.initial_states import start_state
@@ -183,7 +183,7 @@ def run_on_station(
             on(_PERIOD)
             waited = context.get_time() - begin
             status: ControllerStatus = read("controller.status")
-            if status.state == FAULT or waited > _LONGEST:
+            if status.state == MotionMode.FAULT or waited > _LONGEST:
                 raise UnwrinkleError(f"{step.name}: {status.reason or 'it does not end'}")
             if step.trajectory is not None:
                 if status.completed == number:

@@ -15,7 +15,8 @@ from unwrinkle.closed_loop.executed_motion import MeasuredSegment, check_executi
 from unwrinkle.flattening.state import SupervisorSettings
 from unwrinkle.hardware.run_log.reader import read_run_log
 from unwrinkle.hardware.run_log.writer import RunLog
-from unwrinkle.hardware.streaming.path_clock import PathClock, StreamLimits
+from unwrinkle.hardware.streaming.path_clock import PathClock
+from unwrinkle.hardware.streaming.sent_cubics import StreamLimits
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.models.scenario import load_scenario

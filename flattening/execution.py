@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from unwrinkle.flattening import station_messages
 from unwrinkle.flattening.retreat import retreat
 from unwrinkle.flattening.state import (
     Feedback,
@@ -17,6 +16,7 @@ from unwrinkle.flattening.state import (
 )
 from unwrinkle.flattening.station_messages import GripperCommand, TrajectoryCommand
 from unwrinkle.flattening.transitions import at_rest, entered, fault
+from unwrinkle.planning.motion_mode import MotionMode
 from unwrinkle.planning.plan import FlatteningPlan
 
 #: What the strokes are called, in the order of a plan's events.
@@ -81,7 +81,7 @@ class Execution:
         assert step.trajectory is not None
         status = feedback.controller()
         waited = feedback.time - now.since
-        if status.state == station_messages.FAULT:
+        if status.state == MotionMode.FAULT:
             reason = status.reason or "it gives no reason"
             return fault(now, f"{step.name}: the controller is in fault: {reason}", feedback)
         if status.completed == number:
@@ -94,8 +94,8 @@ class Execution:
                 f"{step.name}: the controller did not answer within {self._settings.answer:g} s",
                 feedback,
             )
-        if status.state != station_messages.RUNNING:
-            verb = "holds" if status.state == station_messages.HOLDING else "refused the motion"
+        if status.state != MotionMode.RUNNING:
+            verb = "holds" if status.state == MotionMode.HOLDING else "refused the motion"
             reason = status.reason or "it gives no reason"
             return fault(now, f"{step.name}: the controller {verb}: {reason}", feedback)
         most = self._settings.motion * step.trajectory.duration / self._settings.speed

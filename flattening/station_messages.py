@@ -33,14 +33,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models.errors import InputError
 from unwrinkle.models.shared import Shared
 from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.perception.stereo.head import Gaze
+from unwrinkle.planning.motion_mode import MotionMode
 from unwrinkle.planning.trajectory import Trajectory
-
-#: States of the controller.
-IDLE, RUNNING, HOLDING, FAULT = "idle", "running", "holding", "fault"
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,16 +67,11 @@ class ControllerStatus(Shared):
         reason: of a refusal of the last command, of a hold or a fault; else empty.
     """
 
-    state: str = IDLE
+    state: MotionMode = MotionMode.IDLE
     command: int = 0
     completed: int = 0
     progress: float = 0.0
     reason: str = ""
-
-    def __post_init__(self) -> None:
-        """Refuse a state that is none of the four."""
-        if self.state not in (IDLE, RUNNING, HOLDING, FAULT):
-            raise InputError(f"controller state {self.state!r} is not one of its four states")
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""Drivers that speak the robot's real protocols: controller, pan-tilt units, cameras, grippers."""
+"""Drivers of the robot's devices: controller, grippers, cameras, pan-tilt units."""

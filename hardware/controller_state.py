@@ -1,31 +1,45 @@
-"""What drivers report: the robot's status, joint feedback, and the state of the controller's driver."""
+"""Values that the controller's driver reports: the robot's status, joint feedback, and its own
+state.
+"""
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 from unwrinkle.models.arrays import Array
 
-#: States of the controller's driver.
-#: offline: not connected. connecting: to the state server; whole feedback, and a status without motion in the queues, are
-#: awaited before the motion connection is made. ready: at rest, a trajectory may be run. starting: trajectory mode is being entered. running. holding: braking along the path. held: at rest on the path, it can
-#: be resumed. stopping: leaving trajectory mode. fault: latched; nothing moves before a reset and a new trajectory.
-OFFLINE, CONNECTING, READY, STARTING = "offline", "connecting", "ready", "starting"
-RUNNING, HOLDING, HELD, STOPPING, FAULT = "running", "holding", "held", "stopping", "fault"
-STATES = (OFFLINE, CONNECTING, READY, STARTING, RUNNING, HOLDING, HELD, STOPPING, FAULT)
 
-#: A controller's answer to a question that it cannot answer.
+class DriverState(StrEnum):
+    """States of the controller's driver."""
+
+    OFFLINE = "offline"  # not connected
+    CONNECTING = (
+        "connecting"  # waits for complete feedback and a status without motion in the queues
+    )
+    READY = "ready"  # at rest; a trajectory may be run
+    STARTING = "starting"  # trajectory mode is being entered
+    RUNNING = "running"
+    HOLDING = "holding"  # braking along the path
+    HELD = "held"  # at rest on the path; it can be resumed
+    STOPPING = "stopping"  # comes to rest and leaves trajectory mode
+    FAULT = "fault"  # latched; nothing moves before a reset and a new trajectory
+
+
+OFFLINE, CONNECTING, READY, STARTING, RUNNING, HOLDING, HELD, STOPPING, FAULT = DriverState
+
+#: Value of a status field that the controller does not know.
 UNKNOWN = -1
 
 
 @dataclass(frozen=True)
 class RobotStatus:
-    """What ROBOT_STATUS says; 1 yes, 0 no, -1 unknown.
+    """Content of ROBOT_STATUS; 1 yes, 0 no, -1 unknown.
 
     Attributes:
-        drives_powered: servo on.
+        drives_powered: servos on.
         e_stopped: an emergency stop is pressed.
         error_code: of the controller; 0 none.
         in_error: an alarm or error is shown.
-        in_motion: the robot moves.
+        in_motion: the robot moves, or has motion in its queues.
         mode: 1 teach, 2 play (remote), -1 unknown.
         motion_possible: trajectories may be run.
     """
@@ -40,7 +54,7 @@ class RobotStatus:
 
     @property
     def problem(self) -> str:
-        """Why the robot may not be moved, in plain words; empty if it may."""
+        """Reason why the robot may not be moved; empty if it may."""
         if self.e_stopped == 1:
             return "an emergency stop is pressed"
         if self.in_error == 1:
@@ -52,14 +66,14 @@ class RobotStatus:
 
 @dataclass(frozen=True, eq=False)
 class JointFeedback:
-    """Where the thirteen axes are: turn-table, right arm, left arm.
+    """Positions and velocities of the thirteen axes: turn-table, right arm, left arm.
 
     Attributes:
         positions: (13,) rad.
         velocities: (13,) rad/s.
-        received: on the host's clock, s; age is reckoned from this.
-        stamp: on the controller's clock, s; None where it sends none.
-        count: whole sets received since the connection.
+        received: time of reception on the host's clock, s; the feedback's age counts from here.
+        stamp: on the controller's clock, s; None if the controller sends none.
+        count: complete sets received since the connection was made.
     """
 
     positions: Array
@@ -74,21 +88,23 @@ class DriverStatus:
     """The state of the controller's driver.
 
     Attributes:
-        state: one of `STATES`.
+        state: see `DriverState`.
         command: number of the last command accepted or refused.
         completed: number of the last command done: a trajectory run to its end, or a hold at rest.
-        progress: time along the running trajectory (its own clock) that the robot is commanded to by now, s.
-        reason: why the last command was refused, or it holds, or is in fault; else empty.
-        override: share of the planned speed.
-        robot: last status of the robot; None before the first.
-        feedback_age: s since the last whole feedback; infinite before the first.
-        late: polls that came later than the budget allows.
-        points: points that the controller has acknowledged, of the running trajectory.
-        following_error: largest distance of an axis from where it was sent, rad, the lag taken out.
-        lag: that fits the motion best, s.
+        progress: time on the running trajectory's own clock that the robot is commanded to now, s.
+        reason: why the last command was refused, the robot holds, or a fault is latched; else
+            empty.
+        override: share of the planned speed, 0 to 1.
+        robot: newest status of the robot; None before the first.
+        feedback_age: time since the newest complete feedback, s; infinite before the first.
+        late: number of polls later than the site allows, since the trajectory began.
+        points: points of the running trajectory that the controller has acknowledged.
+        following_error: largest distance of an axis from its commanded path with the lag removed,
+            rad.
+        lag: estimated lag of the feedback behind the commands, s.
     """
 
-    state: str = OFFLINE
+    state: DriverState = OFFLINE
     command: int = 0
     completed: int = 0
     progress: float = 0.0

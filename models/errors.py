@@ -40,6 +40,56 @@ class NoSafePlanError(UnwrinkleError):
 
 
 class HardwareError(UnwrinkleError):
-    """A device that does not answer, refuses, or answers what cannot be: nothing more is sent to it."""
+    """A device that does not answer, refuses, or answers what cannot be: nothing more is sent to
+    it.
+    """
 
     exit_code = 4
+
+
+class ConnectionLostError(HardwareError):
+    """A connection to a device that cannot be made, or that has ended."""
+
+
+class ProtocolError(HardwareError):
+    """Bytes or replies that a device's protocol does not permit."""
+
+
+class OverdueError(HardwareError):
+    """A device that has not answered in time.
+
+    Attributes:
+        waited: since the request, s.
+        allowed: at most, s.
+    """
+
+    def __init__(self, text: str, waited: float, allowed: float) -> None:
+        """State the request that is not answered."""
+        super().__init__(text)
+        self.waited = waited
+        self.allowed = allowed
+
+    def __reduce__(self) -> tuple[type["OverdueError"], tuple[str, float, float]]:
+        """Pickle with all data."""
+        return type(self), (str(self), self.waited, self.allowed)
+
+
+class RefusedError(HardwareError):
+    """A request that a device has refused."""
+
+
+class InUseError(HardwareError):
+    """A device that another program commands.
+
+    Attributes:
+        owner: that program, for the user.
+    """
+
+    def __init__(self, text: str, owner: str) -> None:
+        """State which device is in use, and by whom."""
+        super().__init__(text)
+        self.owner = owner
+
+    def __reduce__(self) -> tuple[type["InUseError"], tuple[str, str]]:
+        """Pickle with all data."""
+        return type(self), (str(self), self.owner)

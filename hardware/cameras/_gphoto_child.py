@@ -1,7 +1,8 @@
-"""The process that talks to two DSLR cameras through libgphoto2, alone, since such a talk is known to hang.
+"""Program that exposes one pair of two DSLR cameras through libgphoto2, in a process of its own
+since libgphoto2 may hang.
 
-It takes one pair and ends. Whoever started it ends it when its time is over. What it took stands in
-`result.json` in the folder that it was given: for each eye the file and the time of exposure, or an error.
+The parent process ends it at its deadline. The result is `result.json` in the folder of the command
+line: file and time of exposure of each eye, or an error.
 """
 
 import json
@@ -15,22 +16,24 @@ from typing import Any
 RESULT = "result.json"
 
 _USB = Path("/sys/bus/usb/devices")
-_EVENT_WAIT = 200  # ms
+#: Longest wait for one event of a camera, ms.
+_EVENT_WAIT_MS = 200
 
-#: Takes a pair from two ports into a folder: per eye, the file's name and the time of exposure, s since 1970.
+#: Exposes a pair from two ports into a folder; returns per eye the file's name and the time of
+#: exposure, s since 1970.
 Grab = Callable[[Sequence[str], Path], list[tuple[str, float]]]
 
 
 def usb_address(port: str, devices: Path = _USB) -> str:
-    """The address usb:BUS,DEVICE that libgphoto2 knows, of a USB port.
+    """Return libgphoto2's address usb:BUS,DEVICE of a USB port.
 
     Args:
         port: such an address, or the place of the port, as "1-1.2"; the place stays the same when
             the camera is switched off and on, the address does not.
-        devices: where the system lists them.
+        devices: folder in which the system lists the devices.
 
     Raises:
-        OSError: there is nothing at this port.
+        OSError: there is no device at this port.
     """
     if port.startswith("usb:"):
         return port
@@ -44,7 +47,7 @@ def usb_address(port: str, devices: Path = _USB) -> str:
 
 
 def take_pair(ports: Sequence[str], folder: Path) -> list[tuple[str, float]]:
-    """Release both cameras one right after the other, then download; calls are never made two at a time.
+    """Release both cameras one after the other, then download; calls are never concurrent.
 
     Args:
         ports: left and right.
@@ -75,9 +78,9 @@ def take_pair(ports: Sequence[str], folder: Path) -> list[tuple[str, float]]:
 
 
 def _download(gphoto2: Any, camera: Any, name: str, folder: Path) -> str:
-    """Wait for the camera's JPEG (it may write a raw file too) and save it; its name."""
+    """Wait for the camera's JPEG (it may write a raw file too) and save it; return its name."""
     while True:
-        kind, data = camera.wait_for_event(_EVENT_WAIT)
+        kind, data = camera.wait_for_event(_EVENT_WAIT_MS)
         if kind == gphoto2.GP_EVENT_FILE_ADDED and data.name.lower().endswith((".jpg", ".jpeg")):
             picture = camera.file_get(data.folder, data.name, gphoto2.GP_FILE_TYPE_NORMAL)
             picture.save(str(folder / f"{name}.jpg"))
@@ -85,7 +88,9 @@ def _download(gphoto2: Any, camera: Any, name: str, folder: Path) -> str:
 
 
 def main(arguments: Sequence[str], grab: Grab = take_pair) -> int:
-    """Take a pair from the ports LEFT and RIGHT into FOLDER; 0 if it was taken."""
+    """Expose a pair from the ports LEFT and RIGHT into FOLDER; return 0 if it was exposed, 1 if
+    not.
+    """
     *ports, where = arguments
     folder = Path(where)
     try:
@@ -93,9 +98,9 @@ def main(arguments: Sequence[str], grab: Grab = take_pair) -> int:
         result: dict[str, Any] = {"shots": [[file, when] for file, when in taken]}
     except ImportError:
         result = {"error": "gphoto2 is not installed; try: pip install 'unwrinkle[gphoto2]'"}
-    except Exception as error:  # noqa: BLE001  libgphoto2 has its own; the starter is told in words
+    except Exception as error:  # noqa: BLE001  libgphoto2 has its own
         result = {"error": f"{type(error).__name__}: {error}"}
-    # Under its last name only when it is whole.
+    # Renamed when complete, so that the parent never reads a part.
     draft = folder / (RESULT + ".part")
     draft.write_text(json.dumps(result))
     os.replace(draft, folder / RESULT)

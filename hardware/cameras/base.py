@@ -1,4 +1,6 @@
-"""The head's two cameras: one exposure of the pair at a time, never waited for, with a reason where there is none."""
+"""The head's two cameras: interface, and the exposure of a pair in the background with a deadline
+and attempts.
+"""
 
 import threading
 import time
@@ -16,8 +18,8 @@ from unwrinkle.models.site import CameraSite
 
 Picture = NDArray[np.uint8]
 
-#: Smallest picture that can be one, pixels.
-_SMALLEST = 16
+#: Least width and height of a picture, pixels.
+_LEAST_SIZE = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,9 +28,9 @@ class PairPicture:
 
     Attributes:
         number: of the exposure.
-        left, right: (h, w, 3) uint8 RGB, read-only; None where there is no pair.
+        left, right: (h, w, 3) uint8 RGB, read-only; None if the exposure failed.
         time_left, time_right: of the exposures on the computer's clock, s since 1970.
-        reason: why there is no pair; else empty.
+        reason: why the exposure failed; else empty.
     """
 
     number: int = 0
@@ -51,28 +53,30 @@ Pair = tuple[Shot, Shot]
 
 
 class PairCamera(Protocol):
-    """Whatever takes the pictures."""
+    """Two cameras that are exposed as a pair."""
 
     def start(self, number: int) -> None:
-        """Begin an exposure; one under way is given up."""
+        """Begin an exposure; one under way is cancelled."""
         ...
 
     def poll(self, now: float) -> None:
-        """Look whether it is done; never waits. `now` is of any clock, s."""
+        """Check the exposure without waiting; `now` is of any clock, s."""
         ...
 
     @property
     def result(self) -> PairPicture | None:
-        """The last exposure's; None while one is under way, and before the first."""
+        """Result of the last exposure; None while one is under way, and before the first."""
         ...
 
     def close(self) -> None:
-        """Give up what is under way and let go of the devices."""
+        """Cancel the exposure under way and release the devices."""
         ...
 
 
 class GrabbedPair:
-    """A pair camera made of one function that takes both pictures and may hang, fail, or return nonsense."""
+    """A pair camera made of one function that exposes both cameras and may hang, fail, or return
+    invalid pictures.
+    """
 
     def __init__(
         self,
@@ -82,13 +86,14 @@ class GrabbedPair:
         *,
         margin: float = 0.0,
     ) -> None:
-        """Nothing is exposed before `start`.
+        """Prepare; nothing is exposed before `start`.
 
         Args:
-            grab: takes left and right; it should end when its event is set. Raises HardwareError.
+            grab: exposes left and right; it should end when its event is set. Raises HardwareError.
             site: timeout, attempts, and skew.
             what: for messages, as "cameras (folder pictures/)".
-            margin: s by which this waits longer than `grab`, which keeps the deadline itself.
+            margin: time added to the site's timeout, for a `grab` that keeps the deadline itself,
+                s.
         """
         self._skew = site.skew
         self._exposer = Exposer(
@@ -97,17 +102,17 @@ class GrabbedPair:
         self._result: PairPicture | None = None
 
     def start(self, number: int) -> None:
-        """Begin an exposure; one under way is given up."""
+        """Begin an exposure; one under way is cancelled."""
         self._result = None
         self._exposer.start(number)
 
     def poll(self, now: float) -> None:
-        """Look whether it is done, overdue, or to be tried again; `now` is of any clock, s."""
+        """Check whether the exposure is done, overdue or to be repeated; `now` of any clock, s."""
         self._exposer.poll(now)
 
     @property
     def result(self) -> PairPicture | None:
-        """The last exposure's; None while one is under way, and before the first."""
+        """Result of the last exposure; None while one is under way, and before the first."""
         outcome = self._exposer.outcome
         if self._result is None and outcome is not None:
             if outcome.taken is None:
@@ -122,11 +127,13 @@ class GrabbedPair:
         return self._result
 
     def wait(self, deadline: float) -> bool:
-        """Wait until there is something for `poll` to look at, at most so long (s); whether there is."""
+        """Wait at most `deadline`, s, for something that `poll` has to process; return whether
+        there is.
+        """
         return self._exposer.wait(deadline)
 
     def close(self) -> None:
-        """Give up what is under way."""
+        """Cancel the exposure under way."""
         self._exposer.close()
 
     def _problem(self, pair: Pair) -> str:
@@ -137,30 +144,30 @@ class GrabbedPair:
                 or pixels.dtype != np.uint8
                 or pixels.ndim != 3
                 or pixels.shape[2] != 3
-                or min(pixels.shape[:2]) < _SMALLEST
+                or min(pixels.shape[:2]) < _LEAST_SIZE
             ):
                 shape = getattr(pixels, "shape", None)
                 return f"the {name} camera's picture is no (h, w, 3) uint8 picture, but {shape}"
         left, right = pair
         if left.pixels.shape != right.pixels.shape:
             return (
-                f"the pictures' sizes differ: left {left.pixels.shape[:2]}, right {right.pixels.shape[:2]}; "
-                "set both cameras to the same mode"
+                f"the pictures' sizes differ: left {left.pixels.shape[:2]}, right "
+                f"{right.pixels.shape[:2]}; set both cameras to the same mode"
             )
         apart = abs(left.time - right.time)
         if not apart <= self._skew:
             return (
-                f"the two eyes' exposures are {apart:.2f} s apart, at most {self._skew:g} s (the site's skew); "
-                "they do not show the same scene"
+                f"the two eyes' exposures are {apart:.2f} s apart, at most {self._skew:g} s (the "
+                "site's skew); they do not show the same scene"
             )
         return ""
 
 
 def read_picture(path: Path) -> Picture:
-    """A picture file as (h, w, 3) uint8 RGB.
+    """Read a picture file as (h, w, 3) uint8 RGB.
 
     Raises:
-        HardwareError: it cannot be read or is no picture.
+        HardwareError: the file cannot be read, or is not a picture.
     """
     import cv2
 
@@ -171,13 +178,14 @@ def read_picture(path: Path) -> Picture:
     image = cv2.imdecode(data, cv2.IMREAD_COLOR_RGB) if data.size else None
     if image is None:
         raise HardwareError(
-            f"{path} is no picture that can be read ({data.size} bytes); set the camera to JPEG or PNG"
+            f"{path} is no picture that can be read ({data.size} bytes); set the camera to JPEG or "
+            "PNG"
         )
     return np.asarray(image, dtype=np.uint8)
 
 
 def expose(camera: PairCamera, number: int, deadline: float) -> PairPicture:
-    """Take one pair and wait for it, at most so long (s)."""
+    """Expose one pair and wait for it at most `deadline`, s; a failure is the result's reason."""
     end = time.monotonic() + deadline
     camera.start(number)
     while time.monotonic() < end:

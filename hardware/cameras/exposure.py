@@ -1,4 +1,4 @@
-"""One exposure at a time in a thread of its own, with a deadline and a bounded number of attempts."""
+"""One exposure at a time, in a thread of its own, with a deadline and a limit of attempts."""
 
 import logging
 import threading
@@ -13,13 +13,13 @@ _log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-#: So long `close` waits for what hangs, s.
-_LAST = 1.0
+#: Longest wait of `close` for an attempt that hangs, s.
+_LONGEST_JOIN_S = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome(Generic[T]):
-    """What became of an exposure: its number, and either what was taken or why nothing was."""
+    """Result of an exposure: its number, and either what was taken or why nothing was."""
 
     number: int
     taken: T | None
@@ -38,10 +38,11 @@ class _Attempt(Generic[T]):
 
 
 class Exposer(Generic[T]):
-    """Calls a function that may hang, fail, or return what cannot be used; its own calls never wait.
+    """Calls a function that may hang, fail, or return an unusable result; its own methods do not
+    wait for it.
 
-    Calls are never made two at a time: one that hangs beyond its deadline is told to end, and until
-    it does, the next attempt waits, as long as an attempt may take.
+    Calls are never concurrent: one that exceeds its deadline is asked to end, and the next attempt
+    waits for that, for as long as an attempt may take.
     """
 
     def __init__(
@@ -53,13 +54,13 @@ class Exposer(Generic[T]):
         attempts: int,
         what: str,
     ) -> None:
-        """Nothing is called before `start`.
+        """Prepare; nothing is called before `start`.
 
         Args:
-            grab: takes what is wanted; it should end when its event is set. Raises HardwareError.
-            check: what is wrong with it; empty if nothing.
+            grab: exposes; it should end when its event is set. Raises HardwareError.
+            check: returns why a result is unusable; empty if it is usable.
             timeout: of one attempt, s.
-            attempts: at most.
+            attempts: limit of attempts.
             what: for messages, as "camera pair".
         """
         self._grab, self._check = grab, check
@@ -74,14 +75,14 @@ class Exposer(Generic[T]):
         self.outcome: Outcome[T] | None = None
 
     def start(self, number: int) -> None:
-        """Begin; one under way is given up, and has no outcome."""
+        """Begin an exposure; one under way is cancelled and has no outcome."""
         self._give_up()
         self._number, self._tried = number, 0
         self.outcome = None
         self._try("")
 
     def poll(self, now: float) -> None:
-        """Look whether it is done, overdue, or to be tried again; `now` is of any clock, s."""
+        """Check whether the exposure is done, overdue or to be repeated; `now` of any clock, s."""
         now = self._clock.at(now)
         if self._began is None:
             self._began = now
@@ -96,16 +97,18 @@ class Exposer(Generic[T]):
             self._look(self._attempt, overdue)
 
     def wait(self, deadline: float) -> bool:
-        """Wait for something that `poll` should look at, at most so long (s); whether there is, or all is done."""
+        """Wait at most `deadline`, s, for something that `poll` has to process; return whether
+        there is, or all is done.
+        """
         attempt = self._hanging if self._queued else self._attempt
         return attempt is None or attempt.finished.wait(deadline)
 
     def close(self) -> None:
-        """Give up what is under way, and wait briefly for it to end."""
+        """Cancel the exposure under way, and wait briefly for its end."""
         self._closed, self._queued = True, False
         self._give_up()
         if self._hanging is not None and self._hanging.thread is not None:
-            self._hanging.thread.join(_LAST)
+            self._hanging.thread.join(_LONGEST_JOIN_S)
 
     def _look(self, attempt: _Attempt[T], overdue: bool) -> None:
         if attempt.finished.is_set():
@@ -127,7 +130,7 @@ class Exposer(Generic[T]):
             self._hanging, self._attempt = self._attempt, None
 
     def _try(self, problem: str) -> None:
-        """Queue an attempt; if there were enough, end with the last one's problem."""
+        """Queue an attempt; at the limit of attempts, end with the last one's problem."""
         if problem:
             _log.warning("%s: attempt %d: %s", self._what, self._tried, problem)
         if self._closed or self._tried >= self._attempts:
@@ -164,7 +167,7 @@ class Exposer(Generic[T]):
             attempt.taken = self._grab(attempt.cancel)
         except HardwareError as error:
             attempt.problem = str(error)
-        except Exception as error:  # noqa: BLE001  what a camera's library raises must not end the station
+        except Exception as error:  # noqa: BLE001  must not end the station
             _log.exception("%s", self._what)
             attempt.problem = f"{type(error).__name__}: {error}"
         finally:

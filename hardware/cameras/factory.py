@@ -1,4 +1,4 @@
-"""The factory of a site's pair of cameras."""
+"""Opening of a site's pair of cameras."""
 
 from unwrinkle.hardware.cameras.base import PairCamera
 from unwrinkle.models.errors import InputError
@@ -6,11 +6,11 @@ from unwrinkle.models.site import CameraSite
 
 
 def open_cameras(site: CameraSite) -> PairCamera:
-    """The cameras that a site has; nothing is exposed yet.
+    """Open the cameras that a site names; nothing is exposed yet.
 
     Raises:
-        InputError: the site has none, or lacks what they need.
-        HardwareError: they are not there.
+        InputError: the site names none, or lacks a setting that they need.
+        HardwareError: the cameras, or their folder, do not exist.
     """
     if site.kind in ("folder", "watch"):
         from unwrinkle.hardware.cameras.folder import FolderCamera, WatchCamera
@@ -26,8 +26,8 @@ def open_cameras(site: CameraSite) -> PairCamera:
         return GphotoCamera(site)
     if site.kind == "openni2":
         raise InputError(
-            "cameras.kind 'openni2' is one depth camera and takes no pair; give folder, watch, opencv or "
-            "gphoto2"
+            "cameras.kind 'openni2' is one depth camera and takes no pair; give folder, watch, "
+            "opencv or gphoto2"
         )
     raise InputError(
         f"cameras.kind is '{site.kind}' in the site; give folder, watch, opencv or gphoto2"

@@ -1,4 +1,6 @@
-"""Pairs of picture files: those of a folder in order, or the newest that another program writes there."""
+"""Pairs of picture files: those of a folder in order, or the newest pair that another program
+writes there.
+"""
 
 import threading
 import time
@@ -10,10 +12,11 @@ from unwrinkle.models.site import CameraSite
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 
-#: The watched folder is looked at this often, s; a file that does not change between two looks is whole.
-LOOK_PERIOD = 0.1
+#: Between two reads of the watched folder, s; a file that does not change between two reads is
+#: complete.
+READ_PERIOD_S = 0.1
 
-# What is known of a file from outside: time of its last change, ns, and bytes.
+#: Time of a file's last change, ns, and its size, bytes.
 _State = tuple[int, int]
 
 
@@ -27,11 +30,12 @@ def _folder(site: CameraSite) -> Path:
 
 
 def pairs_in(folder: Path, left: str = "left", right: str = "right") -> list[tuple[Path, Path]]:
-    """Pairs of files LEFT*.png and RIGHT*.png with the same rest of their names, in the order of names.
+    """Return pairs of picture files LEFT* and RIGHT* with the same rest of their names, sorted by
+    name.
 
     Args:
-        folder: where they are.
-        left, right: how the names begin.
+        folder: of the files.
+        left, right: begins of the names.
     """
     files = {path.name: path for path in folder.iterdir() if path.suffix.lower() in ENDINGS}
     return [
@@ -42,10 +46,10 @@ def pairs_in(folder: Path, left: str = "left", right: str = "right") -> list[tup
 
 
 class FolderCamera(GrabbedPair):
-    """Takes the pairs of a folder one after the other; after the last there is none."""
+    """Returns the pairs of a folder one after the other; after the last one it fails."""
 
     def __init__(self, site: CameraSite) -> None:
-        """Look for the pairs.
+        """List the pairs.
 
         Raises:
             InputError: the site names no folder.
@@ -56,14 +60,15 @@ class FolderCamera(GrabbedPair):
         self._pairs = pairs_in(folder, *begins)
         if not self._pairs:
             raise HardwareError(
-                f"cameras: folder {folder} has no pair of files {begins[0]}*.png and {begins[1]}*.png"
+                f"cameras: folder {folder} has no pair of files {begins[0]}*.png and "
+                f"{begins[1]}*.png"
             )
         self._next = 0
         self._folder = folder
         super().__init__(self._read, site, f"cameras (folder {folder})")
 
     def start(self, number: int) -> None:
-        """Begin to read the next pair; one that cannot be read is passed over by the next start."""
+        """Begin to read the next pair; a pair that cannot be read is skipped by the next start."""
         self._next += 1
         super().start(number)
 
@@ -72,20 +77,20 @@ class FolderCamera(GrabbedPair):
         if index >= len(self._pairs):
             raise HardwareError(f"all {len(self._pairs)} pairs of {self._folder} have been taken")
         left, right = self._pairs[index]
-        # Copied files say nothing of when they were exposed.
+        # A copied file does not state when it was exposed.
         now = time.time()
         return Shot(read_picture(left), now), Shot(read_picture(right), now)
 
 
 class WatchCamera(GrabbedPair):
-    """Takes the newest whole pair that is written into a folder after `start`.
+    """Returns the newest complete pair that is written into a folder after `start`.
 
-    For cameras that another program releases and downloads. The times of the two files' last change
-    are those of the exposures.
+    For cameras that another program releases and downloads. The times of exposure are those of the
+    files' last change.
     """
 
     def __init__(self, site: CameraSite) -> None:
-        """Watch from the first `start`.
+        """Prepare to watch; each `start` begins.
 
         Raises:
             InputError: the site names no folder.
@@ -97,7 +102,7 @@ class WatchCamera(GrabbedPair):
         super().__init__(self._watch, site, f"cameras (watching {self._folder})")
 
     def start(self, number: int) -> None:
-        """Watch for a pair that is new from now on."""
+        """Watch for a pair that is written from now on."""
         self._before = self._states()
         super().start(number)
 
@@ -135,5 +140,5 @@ class WatchCamera(GrabbedPair):
                     Shot(read_picture(right), states[right][0] * 1e-9),
                 )
             last = states
-            if cancel.wait(LOOK_PERIOD):
+            if cancel.wait(READ_PERIOD_S):
                 raise HardwareError(f"no new pair in {self._folder}")

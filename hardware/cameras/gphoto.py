@@ -1,8 +1,8 @@
 """A pair of DSLR cameras through libgphoto2: each exposure in a child process with a deadline.
 
-Talking to such cameras hangs now and then (the Nikon D5100 is known for it), and a hanging call
-cannot be ended within a process. So the child is killed at its deadline, and before the next attempt
-both USB ports are reset; what is left to do by hand stands in the reason.
+Calls to such cameras hang now and then (the Nikon D5100 is known for it), and a hanging call cannot
+be ended within a process. So the child is killed at its deadline, and both USB ports are reset
+before the next attempt; the reason of a failure states what is left to do by hand.
 """
 
 import fcntl
@@ -24,20 +24,28 @@ from unwrinkle.models.site import CameraSite
 
 _log = logging.getLogger(__name__)
 
-#: The first part of the child's command; the two ports and a folder follow. -P: the folder it runs in hides no package.
+#: First part of the child's command; the two ports and a folder follow. -P: its working folder
+#: hides no package.
 CHILD = (sys.executable, "-P", "-m", "unwrinkle.hardware.cameras._gphoto_child")
 
+#: Request of `ioctl` that resets a USB device.
 _USBDEVFS_RESET = 0x5514
-#: The child is looked at this often, and a killed one has so long to go, s.
-_LOOK_PERIOD, _LAST = 0.02, 2.0
-_BY_HAND = "switch both cameras off and on, or take out their batteries; check that no other program holds them"
+#: Between two checks of the child, s.
+_CHECK_PERIOD_S = 0.02
+#: Longest wait for the end of a killed child, s.
+_LONGEST_KILL_S = 2.0
+#: Advice for the user.
+_BY_HAND = (
+    "switch both cameras off and on, or take out their batteries; check that no other program "
+    "holds them"
+)
 
 
 def reset_usb_port(port: str) -> None:
-    """Reset what is at a USB port, as unplugging would.
+    """Reset the device at a USB port, as unplugging would.
 
     Raises:
-        OSError: there is nothing there, or this user may not.
+        OSError: there is no device, or this user may not reset it.
     """
     bus, device = usb_address(port).removeprefix("usb:").split(",")
     handle = os.open(f"/dev/bus/usb/{bus}/{device}", os.O_WRONLY)
@@ -57,11 +65,12 @@ class GphotoCamera(GrabbedPair):
         child: Sequence[str] = CHILD,
         reset: Callable[[str], None] = reset_usb_port,
     ) -> None:
-        """Nothing is started yet.
+        """Prepare; no process is started yet.
 
         Args:
             site: `left` and `right` are USB ports, as "1-1.2" or "usb:001,004".
-            child: command of the process that takes a pair; the two ports and a folder are added.
+            child: command of the process that exposes a pair; the two ports and a folder are
+                appended.
             reset: resets a USB port.
 
         Raises:
@@ -69,14 +78,17 @@ class GphotoCamera(GrabbedPair):
         """
         if not site.left or not site.right or site.left == site.right:
             raise InputError(
-                "cameras.kind 'gphoto2' needs two different USB ports in cameras.left and cameras.right, got "
-                f"'{site.left}' and '{site.right}'"
+                "cameras.kind 'gphoto2' needs two different USB ports in cameras.left and "
+                f"cameras.right, got '{site.left}' and '{site.right}'"
             )
         self._ports = (site.left, site.right)
         self._child, self._reset, self._deadline = tuple(child), reset, site.timeout
         self._ill = False
         super().__init__(
-            self._grab, site, f"cameras ({site.left} and {site.right})", margin=2.0 * _LAST
+            self._grab,
+            site,
+            f"cameras ({site.left} and {site.right})",
+            margin=2.0 * _LONGEST_KILL_S,
         )
 
     def _grab(self, cancel: threading.Event) -> Pair:
@@ -124,7 +136,7 @@ class GphotoCamera(GrabbedPair):
     def _await(self, process: "subprocess.Popen[bytes]", cancel: threading.Event) -> None:
         end = time.monotonic() + self._deadline
         while process.poll() is None:
-            if cancel.wait(_LOOK_PERIOD):
+            if cancel.wait(_CHECK_PERIOD_S):
                 raise HardwareError("given up")
             if time.monotonic() > end:
                 raise HardwareError(
@@ -136,16 +148,16 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
     if process.poll() is None:
         process.kill()
         try:
-            process.wait(_LAST)
+            process.wait(_LONGEST_KILL_S)
         except subprocess.TimeoutExpired:
             raise HardwareError(
-                f"the capturing process {process.pid} cannot be killed: it hangs in the USB driver; unplug "
-                "the cameras"
+                f"the capturing process {process.pid} cannot be killed: it hangs in the USB "
+                "driver; unplug the cameras"
             ) from None
 
 
 def _pair(folder: Path) -> Pair:
-    """What the child says it took."""
+    """Read the pair that the child has exposed."""
     try:
         result = json.loads((folder / RESULT).read_text())
         if "error" in result:

@@ -1,4 +1,4 @@
-"""Any two cameras that OpenCV can open: device numbers or stream addresses."""
+"""Two cameras that OpenCV can open: device numbers or stream addresses."""
 
 import threading
 import time
@@ -11,23 +11,23 @@ from unwrinkle.hardware.cameras.base import GrabbedPair, Pair, Shot
 from unwrinkle.models.errors import HardwareError, InputError
 from unwrinkle.models.site import CameraSite
 
-#: ASSUMED: frames that drivers keep back; so many old ones are passed over before a picture is taken.
-_KEPT_BACK = 4
+#: ASSUMED: frames that drivers buffer; this many old frames are skipped before a picture is taken.
+_BUFFERED_FRAMES = 4
 
 
 class Device(Protocol):
-    """What is needed of cv2.VideoCapture."""
+    """The part of cv2.VideoCapture that is used."""
 
     def isOpened(self) -> bool:
-        """Whether it can be used."""
+        """Return whether the device can be used."""
         ...
 
     def grab(self) -> bool:
-        """Take a frame; whether there was one."""
+        """Take a frame; return whether there was one."""
         ...
 
     def retrieve(self) -> Any:
-        """(whether there is one, the frame last taken (h, w, 3) uint8 BGR)."""
+        """Return whether there is a frame, and the last frame taken, (h, w, 3) uint8 BGR."""
         ...
 
     def release(self) -> None:
@@ -43,31 +43,31 @@ def _open_device(source: str) -> Device:
 
 
 class OpenCvCamera(GrabbedPair):
-    """Two cameras through OpenCV, opened with the first exposure and anew after a failed one."""
+    """Two cameras through OpenCV, opened with the first exposure and again after a failed one."""
 
     def __init__(
         self, site: CameraSite, open_device: Callable[[str], Device] = _open_device
     ) -> None:
-        """Nothing is opened yet.
+        """Prepare; no device is opened yet.
 
         Args:
             site: `left` and `right` are device numbers or stream addresses.
-            open_device: opens one.
+            open_device: opens one camera.
 
         Raises:
             InputError: the site does not name two different cameras.
         """
         if not site.left or not site.right or site.left == site.right:
             raise InputError(
-                "cameras.kind 'opencv' needs two different cameras in cameras.left and cameras.right, got "
-                f"'{site.left}' and '{site.right}'"
+                "cameras.kind 'opencv' needs two different cameras in cameras.left and "
+                f"cameras.right, got '{site.left}' and '{site.right}'"
             )
         self._sources, self._open = (site.left, site.right), open_device
         self._devices: list[Device] = []
         super().__init__(self._grab, site, f"cameras ({site.left} and {site.right})")
 
     def close(self) -> None:
-        """Give up what is under way, and close both unless it hangs."""
+        """Cancel the exposure under way, and close both cameras unless it hangs."""
         super().close()
         if self.wait(0.0):
             self._release()
@@ -93,8 +93,8 @@ class OpenCvCamera(GrabbedPair):
                         f"camera {source} cannot be opened; is it plugged in, and free?"
                     )
         times = [0.0, 0.0]
-        for _ in range(_KEPT_BACK + 1):
-            # Both are taken before either is decoded: that keeps the exposures close.
+        for _ in range(_BUFFERED_FRAMES + 1):
+            # Both are taken before either is decoded, so that the exposures are close in time.
             for index, device in enumerate(self._devices):
                 if cancel.is_set():
                     raise HardwareError("given up")

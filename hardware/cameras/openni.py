@@ -1,4 +1,4 @@
-"""A depth camera (Xtion) through OpenNI2, where its library and Python's binding are present."""
+"""A depth camera (Xtion) through OpenNI2; needs its library and the Python binding."""
 
 import threading
 import time
@@ -14,12 +14,12 @@ from unwrinkle.hardware.cameras.exposure import Exposer
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.site import CameraSite
 
-#: Size of the frames that are asked for, columns and rows; devices begin with a smaller one.
+#: Requested size of the frames, columns and rows; devices begin with a smaller one.
 SIZE = (640, 480)
 
 _MILLIMETRE = 1e-3
-#: ASSUMED: so many first frames of a stream are passed over, since depth settles in them.
-_UNSTEADY = 5
+#: ASSUMED: first frames of a stream that are skipped, since depth settles in them.
+_SETTLING_FRAMES = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,10 +28,11 @@ class DepthPicture:
 
     Attributes:
         number: of the exposure.
-        depth: (h, w) float32 m along the axis, NaN where there is none; None where there is no picture.
+        depth: (h, w) float32 m along the optical axis, NaN without a measurement; None if the
+            exposure failed.
         time: of the exposure, s since 1970.
-        reason: why there is no picture; else empty.
-        colour: (h, w, 3) uint8 RGB with the pixels of depth; None where there is none.
+        reason: why the exposure failed; else empty.
+        colour: (h, w, 3) uint8 RGB registered to the pixels of depth; None without colour.
     """
 
     number: int = 0
@@ -43,10 +44,10 @@ class DepthPicture:
 
 @dataclass(frozen=True, eq=False)
 class DepthFrame:
-    """What a device gives.
+    """A frame as the device returns it.
 
     Attributes:
-        depth: (h, w) mm, 0 where there is none.
+        depth: (h, w) mm, 0 without a measurement.
         colour: (h, w, 3) RGB that depth is registered to, or None.
     """
 
@@ -54,7 +55,7 @@ class DepthFrame:
     colour: NDArray[np.uint8] | None = None
 
 
-#: Takes a frame: depth (h, w) in mm, 0 where there is none, alone or with its colour.
+#: Takes a frame: depth (h, w), mm, 0 without a measurement; alone or with its colour.
 Grab = Callable[[], DepthFrame | NDArray[np.uint16]]
 
 
@@ -66,25 +67,30 @@ class _Depth:
 
 
 def grab_openni2() -> DepthFrame:
-    """One frame of the first device, never mirrored; with colour if the device has it and registers depth to it.
+    """Take one frame of the first device, not mirrored; with colour if the device can register
+    depth to it.
 
     Raises:
-        HardwareError: the binding, the library or the device are missing, or the device gives no such frame.
+        HardwareError: the binding, the library or the device is missing, or the device returns no
+            such frame.
     """
     try:
-        # No declared dependency: the library itself has to be installed by hand.
+        # Not a declared dependency: the library itself has to be installed by hand.
         openni2 = import_module("openni.openni2")
     except ImportError:
         raise HardwareError(
             "an OpenNI2 camera needs the OpenNI2 library and: pip install openni"
         ) from None
     stage = (
-        "the OpenNI2 library does not load: {}; install it (package libopenni2-0), or set OPENNI2_REDIST to its "
-        "folder"
+        "the OpenNI2 library does not load: {}; install it (package libopenni2-0), or set "
+        "OPENNI2_REDIST to its folder"
     )
     try:
         openni2.initialize()
-        stage = "no OpenNI2 device: {}; is the camera plugged in, and may this user open it (udev rules)?"
+        stage = (
+            "no OpenNI2 device: {}; is the camera plugged in, and may this user open it (udev "
+            "rules)?"
+        )
         try:
             device = openni2.Device.open_any()
             stage = "no depth frame from OpenNI2: {}; unplug the camera and plug it in again"
@@ -127,21 +133,21 @@ def _prepare(stream: Any, pixels: Any) -> None:
 
 
 def _read(stream: Any, kind: type[Any]) -> NDArray[Any]:
-    """A frame (h, w) of depth, or (h, w, 3) of colour."""
-    for _ in range(_UNSTEADY + 1):
+    """Return a frame of depth (h, w), or of colour (h, w, 3)."""
+    for _ in range(_SETTLING_FRAMES + 1):
         frame = stream.read_frame()
     data = frame.get_buffer_as_uint16() if kind is np.uint16 else frame.get_buffer_as_uint8()
     shape = (frame.height, frame.width, -1) if kind is np.uint8 else (frame.height, frame.width)
     picture = np.frombuffer(data, dtype=kind).reshape(shape)
-    # Devices may ignore the wish, and a mirrored garment would be gripped on the wrong side.
+    # A device may ignore the setting, and a mirrored garment would be gripped on the wrong side.
     return (picture[:, ::-1] if stream.get_mirroring_enabled() else picture).copy()
 
 
 class OpenNi2Camera:
-    """One depth camera; the first device there is."""
+    """One depth camera, the first device found."""
 
     def __init__(self, site: CameraSite, grab: Grab = grab_openni2) -> None:
-        """Nothing is opened yet.
+        """Prepare; the device is not opened yet.
 
         Args:
             site: timeout and attempts.
@@ -157,16 +163,16 @@ class OpenNi2Camera:
         )
 
     def start(self, number: int) -> None:
-        """Begin an exposure; one under way is given up."""
+        """Begin an exposure; one under way is cancelled."""
         self._exposer.start(number)
 
     def poll(self, now: float) -> None:
-        """Look whether it is done; `now` is of any clock, s."""
+        """Check the exposure without waiting; `now` is of any clock, s."""
         self._exposer.poll(now)
 
     @property
     def result(self) -> DepthPicture | None:
-        """The last exposure's; None while one is under way, and before the first."""
+        """Result of the last exposure; None while one is under way, and before the first."""
         outcome = self._exposer.outcome
         if outcome is None:
             return None
@@ -176,7 +182,7 @@ class OpenNi2Camera:
         return DepthPicture(outcome.number, taken.depth, taken.time, colour=taken.colour)
 
     def close(self) -> None:
-        """Give up what is under way."""
+        """Cancel the exposure under way."""
         self._exposer.close()
 
     def _grab(self, cancel: threading.Event) -> _Depth:
@@ -195,5 +201,8 @@ class OpenNi2Camera:
         if taken.depth.ndim != 2 or not np.isfinite(taken.depth).any():
             return f"the frame {taken.depth.shape} has no depth at all"
         if taken.colour is not None and taken.colour.shape != (*taken.depth.shape, 3):
-            return f"its colour {taken.colour.shape} has not the pixels of its depth {taken.depth.shape}"
+            return (
+                f"its colour {taken.colour.shape} does not have the pixels of its depth "
+                f"{taken.depth.shape}"
+            )
         return ""

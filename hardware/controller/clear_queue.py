@@ -1,4 +1,6 @@
-"""Empties the queues that a dead motion connection has left in the controller, by a stop as the very first bytes."""
+"""Emptying of the queues that a lost motion connection has left in the controller: a stop as the
+very first bytes.
+"""
 
 import time
 from collections.abc import Callable
@@ -10,22 +12,22 @@ from unwrinkle.hardware.controller.feedback import FeedbackReader
 from unwrinkle.hardware.controller.lock import OwnerLock
 from unwrinkle.hardware.controller_state import RobotStatus
 from unwrinkle.hardware.motoros.link import TcpLink
-from unwrinkle.hardware.motoros.motion_channel import LEAVING, ask_to_stop
+from unwrinkle.hardware.motoros.motion_channel import LEAVE_TIMEOUT_S, request_stop
 from unwrinkle.hardware.motoros.wire import Result
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.site import ControllerSite
 
-#: The robot comes to rest within this after the stop, s.
-_REST = 3.0
+#: Longest time to rest after the stop, s.
+_LONGEST_REST_S = 3.0
 
 
 @dataclass(frozen=True)
 class QueueCleared:
-    """What became of the queues.
+    """Result of emptying the queues.
 
     Attributes:
-        needed: whether anything was in them, or the robot moved.
-        moved: greatest angle that an axis moved meanwhile, rad.
+        needed: whether motion was queued, or the robot moved.
+        moved: greatest motion of an axis meanwhile, rad.
     """
 
     needed: bool
@@ -33,10 +35,13 @@ class QueueCleared:
 
     @property
     def text(self) -> str:
-        """One sentence."""
+        """Sentence for the user."""
         if not self.needed:
             return "nothing is left in the controller's queues; nothing was sent"
-        return f"the controller's queues are empty; the axes moved by {1e3 * self.moved:.2f} mrad at most"
+        return (
+            "the controller's queues are empty; the axes moved by "
+            f"{1e3 * self.moved:.2f} mrad at most"
+        )
 
 
 def clear_queue(
@@ -45,10 +50,11 @@ def clear_queue(
     *,
     command: str = "unwrinkle --clear-queue",
 ) -> QueueCleared:
-    """Send STOP_MOTION as the first bytes of a motion connection, if the robot's status says that something is queued.
+    """Send STOP_MOTION as the first bytes of a motion connection, if the robot's status reports
+    motion in the queues.
 
-    The controller runs its queues from the moment it accepts the connection, so an interpolation period of motion may come
-    before the stop: ask the operator first.
+    The controller runs its queues from the moment it accepts the connection, so one interpolation
+    period of motion may precede the stop: ask the operator first.
 
     Args:
         site: of the controller.
@@ -56,7 +62,8 @@ def clear_queue(
         command: of the owner's lock.
 
     Raises:
-        HardwareError: another program drives the robot, nobody answers, or the queues are not empty in the end.
+        HardwareError: another program drives the robot, a server does not answer, or the stop was
+            refused or had no effect.
     """
     lock = OwnerLock(site.host, site.motion_port, command)
     lock.acquire()
@@ -72,11 +79,12 @@ def clear_queue(
             raise HardwareError("no joint feedback has come; the queues are left as they are")
         before = reader.feedback.positions
         _stop(site)
-        end = clock() + _REST
+        end = clock() + _LONGEST_REST_S
         while _await(reader, state, clock, site.connect_timeout).in_motion != 0:
             if clock() > end:
                 raise HardwareError(
-                    f"the controller still reports motion {_REST:g} s after the stop: press HOLD on the pendant"
+                    f"the controller still reports motion {_LONGEST_REST_S:g} s after the stop: "
+                    "press HOLD on the pendant"
                 )
         moved = float(np.abs(reader.feedback.positions - before).max())
         return QueueCleared(True, moved)
@@ -89,7 +97,7 @@ def clear_queue(
 def _await(
     reader: FeedbackReader, link: TcpLink, clock: Callable[[], float], most: float
 ) -> RobotStatus:
-    """The next status."""
+    """Wait at most `most`, s, for the next status of the robot."""
     end, seen = clock() + most, reader.statuses
     while reader.statuses == seen or reader.status is None:
         left = end - clock()
@@ -101,20 +109,22 @@ def _await(
 
 
 def _stop(site: ControllerSite) -> None:
-    """Connect, send the stop, and leave once it is answered."""
+    """Connect, send the stop, and disconnect once it is answered."""
     link = TcpLink.connect(
         site.host, site.motion_port, site.connect_timeout, "controller's motion server"
     )
     try:
-        reply = ask_to_stop(link, max(site.reply_timeout, LEAVING))
+        reply = request_stop(link, max(site.reply_timeout, LEAVE_TIMEOUT_S))
         if reply is None:
             why = link.closed or f"none that can be read within {site.reply_timeout:g} s"
             raise HardwareError(
-                f"the stop was not answered ({why}); does another client drive the robot? Press HOLD on the pendant"
+                f"the stop was not answered ({why}); does another client drive the robot? Press "
+                "HOLD on the pendant"
             )
         if reply.result != Result.SUCCESS:
             raise HardwareError(
-                f"the controller refuses the stop (reply {reply.result}/{reply.subcode}); press HOLD on the pendant"
+                f"the controller refuses the stop (reply {reply.result}/{reply.subcode}); press "
+                "HOLD on the pendant"
             )
     finally:
         link.close()

@@ -1,4 +1,6 @@
-"""The state connection: sets of joint feedback put together from groups, and the robot's status."""
+"""The state connection: complete sets of joint feedback from the groups' messages, and the robot's
+status.
+"""
 
 import numpy as np
 
@@ -14,24 +16,23 @@ from unwrinkle.hardware.motoros.wire import (
     WireError,
 )
 from unwrinkle.hardware.streaming.stream import GROUP_AXES
-from unwrinkle.models.errors import HardwareError
+from unwrinkle.models.errors import ConnectionLostError, ProtocolError
 from unwrinkle.models.site import ControllerSite
-
-_AXES = 13
+from unwrinkle.planning.trajectory import AXES
 
 
 class FeedbackReader:
-    """Reads what the controller tells by itself.
+    """Reads joint feedback and status, which the controller sends without a request.
 
     Attributes:
-        feedback: the newest whole set; None before the first.
-        status: the newest status; None before the first.
-        count: whole sets so far.
+        feedback: newest complete set; None before the first.
+        status: newest status; None before the first.
+        count: complete sets so far.
         statuses: statuses so far.
     """
 
     def __init__(self, link: TcpLink, site: ControllerSite) -> None:
-        """Read from a link."""
+        """Read from a link, with the groups and profile of a site."""
         self._link = link
         self._site = site
         self._framer = Framer()
@@ -43,17 +44,19 @@ class FeedbackReader:
 
     @property
     def missing(self) -> str:
-        """Groups that no feedback has come of since the last whole set, in words."""
+        """Groups without feedback since the last complete set, for the user."""
         absent = [
             f"{k} ({name})" for k, name in enumerate(self._site.groups) if k not in self._parts
         ]
         return ", ".join(absent)
 
     def poll(self, now: float) -> list[JointFeedback]:
-        """The whole sets that have come, oldest first; those that are older than one before are left out.
+        """Return the complete sets that have come, oldest first, without those not newer than the
+        set before.
 
         Raises:
-            HardwareError: the connection has ended, garbage comes, or feedback that does not fit the site's groups.
+            ConnectionLostError: the connection has ended.
+            ProtocolError: invalid bytes, or feedback that does not fit the site's groups.
         """
         sets: list[JointFeedback] = []
         data = self._link.receive()
@@ -61,7 +64,7 @@ class FeedbackReader:
             try:
                 messages = self._framer.feed(data)
             except WireError as error:
-                raise HardwareError(
+                raise ProtocolError(
                     f"the controller sends garbage on the state connection ({error.name}: {error})"
                 ) from None
             for message in messages:
@@ -69,7 +72,7 @@ class FeedbackReader:
                 if found is not None:
                     sets.append(found)
         if self._link.closed:
-            raise HardwareError(f"the state connection has ended: {self._link.closed}")
+            raise ConnectionLostError(f"the state connection has ended: {self._link.closed}")
         return sets
 
     def _read(self, message: Message, now: float) -> JointFeedback | None:
@@ -91,15 +94,15 @@ class FeedbackReader:
             elif message.type == MessageType.JOINT_FEEDBACK:
                 return self._part(FeedbackBody.of(message), now)
         except WireError as error:
-            raise HardwareError(f"feedback that cannot be read: {error}") from None
+            raise ProtocolError(f"feedback that cannot be read: {error}") from None
         return None
 
     def _whole(self, bodies: MultiFeedback, now: float) -> JointFeedback | None:
-        """Feedback of all groups in one message: what the profile `ex` goes by."""
+        """Return the set of a message with all groups, which the profile `ex` uses."""
         names = self._site.groups
         found = sorted(body.group for body in bodies.groups)
         if found != list(range(len(names))):
-            raise HardwareError(
+            raise ProtocolError(
                 f"the controller gives feedback of the groups {found}, the site has {len(names)}: "
                 f"{', '.join(names)}; compare the site's groups with the controller's"
             )
@@ -109,9 +112,11 @@ class FeedbackReader:
         return self._set(parts, now)
 
     def _part(self, body: FeedbackBody, now: float) -> JointFeedback | None:
-        """Feedback of one group: a set is whole when all have come with the same time."""
+        """Add the feedback of one group; return the set once all groups have come with the same
+        time.
+        """
         if not 0 <= body.group < len(self._site.groups):
-            raise HardwareError(
+            raise ProtocolError(
                 f"the controller gives feedback of group {body.group}, the site has "
                 f"{len(self._site.groups)} groups; compare them"
             )
@@ -127,11 +132,11 @@ class FeedbackReader:
         return self._set(parts, now)
 
     def _set(self, parts: dict[int, FeedbackBody], now: float) -> JointFeedback | None:
-        positions, reported = np.empty(_AXES), np.zeros(_AXES)
+        positions, reported = np.empty(AXES), np.zeros(AXES)
         stamp = parts[0].time
         last = self.feedback
         newest = None if last is None else last.stamp
-        # A duplicate, or one that was overtaken; a time that is no number, too.
+        # Duplicate, overtaken, or with a time that is not a number.
         if newest is not None and stamp is not None and not stamp > newest:
             return None
         for k, name in enumerate(self._site.groups):
@@ -139,16 +144,16 @@ class FeedbackReader:
             size = axes.stop - axes.start
             body = parts[k]
             if body.positions is None:
-                raise HardwareError(f"feedback of group {k} ({name}) has no positions")
+                raise ProtocolError(f"feedback of group {k} ({name}) has no positions")
             if any(body.positions[size:]):
-                raise HardwareError(
-                    f"feedback of group {k} ({name}) has more than {size} axes; compare the site's groups with "
-                    "the controller's"
+                raise ProtocolError(
+                    f"feedback of group {k} ({name}) has more than {size} axes; compare the site's "
+                    "groups with the controller's"
                 )
             positions[axes] = body.positions[:size]
             if body.velocities is not None:
                 reported[axes] = body.velocities[:size]
-        velocities = reported if self._site.velocities == "reported" else np.zeros(_AXES)
+        velocities = reported if self._site.velocities == "reported" else np.zeros(AXES)
         if last is not None and self._site.velocities == "differences":
             step = interval(last, now, stamp, self._site.feedback_period)
             velocities = (positions - last.positions) / step
@@ -160,9 +165,11 @@ class FeedbackReader:
 
 
 def interval(last: JointFeedback, now: float, stamp: float | None, period: float) -> float:
-    """Time between a set of feedback and the next, s: by the controller's clock where it tells it.
+    """Return the time between a set of feedback and the next, s, on the controller's clock where it
+    sends one.
 
-    Sets that waited for a late reader are received at once: they are at least half a period apart all the same.
+    Sets that waited for a late reader are received together, so they count as at least half a
+    period apart.
     """
     if stamp is not None and last.stamp is not None:
         return max(stamp - last.stamp, 1e-3)

@@ -1,4 +1,4 @@
-"""One owner for one robot: a lock on a file that names who holds it."""
+"""A lock file per robot, so that one process commands it; the file names that process."""
 
 import fcntl
 import json
@@ -10,27 +10,31 @@ import time
 from io import TextIOWrapper
 from pathlib import Path
 
-from unwrinkle.models.errors import HardwareError
+from unwrinkle.models.errors import HardwareError, InUseError
 
 
 def lock_directory() -> Path:
-    """Where locks live: the user's runtime directory, or the system's for temporary files."""
+    """Return the folder of lock files: the user's runtime directory, or the system's folder of
+    temporary files.
+    """
     runtime = os.environ.get("XDG_RUNTIME_DIR", "")
     return Path(runtime) if runtime and Path(runtime).is_dir() else Path(tempfile.gettempdir())
 
 
 class OwnerLock:
-    """Held by the one process that commands a robot; the system frees it when the process ends, however it ends."""
+    """Held by the process that commands a robot; the operating system releases it when the process
+    ends for any reason.
+    """
 
     def __init__(
         self, host: str, port: int, command: str = "", directory: Path | None = None
     ) -> None:
-        """Name the lock by the robot's address.
+        """Name the lock after the robot's address; `acquire` takes it.
 
         Args:
             host, port: of the robot's motion server.
-            command: of the owner, for others to read; the command line if empty.
-            directory: of the lock's file; the default is `lock_directory`.
+            command: of the owner, shown to other programs; the command line if empty.
+            directory: of the lock file; None is `lock_directory`.
         """
         name = re.sub(r"[^A-Za-z0-9.]+", "-", host)
         self.path = (directory or lock_directory()) / f"unwrinkle-{name}-{port}.lock"
@@ -40,14 +44,15 @@ class OwnerLock:
 
     @property
     def held(self) -> bool:
-        """Whether this object holds it."""
+        """Whether this object holds the lock."""
         return self._file is not None
 
     def acquire(self) -> None:
-        """Take the lock, or refuse; a second time changes nothing.
+        """Take the lock; a second call changes nothing.
 
         Raises:
-            HardwareError: another one owns the robot (process, command, since when), or the file cannot be written.
+            InUseError: another process owns the robot (process, command, since when).
+            HardwareError: the file cannot be opened.
         """
         if self._file is not None:
             return
@@ -55,16 +60,18 @@ class OwnerLock:
             file = open(self.path, "a+", encoding="utf-8")  # noqa: SIM115 - held until released
         except OSError as error:
             raise HardwareError(
-                f"the lock of the robot at {self._what} cannot be opened: {self.path}: {error.strerror}; "
-                "set XDG_RUNTIME_DIR to a folder of yours"
+                f"the lock of the robot at {self._what} cannot be opened: {self.path}: "
+                f"{error.strerror}; set XDG_RUNTIME_DIR to a folder of yours"
             ) from None
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             owner = _owner(file)
             file.close()
-            raise HardwareError(
-                f"the robot at {self._what} is in use: {owner}; end that first (lock file {self.path})"
+            raise InUseError(
+                f"the robot at {self._what} is in use: {owner}; end that first (lock file "
+                f"{self.path})",
+                owner,
             ) from None
         file.truncate(0)
         since = time.strftime("%Y-%m-%d %H:%M:%S")
@@ -73,7 +80,7 @@ class OwnerLock:
         self._file = file
 
     def release(self) -> None:
-        """Give the lock back; without it nothing happens. The file stays, empty."""
+        """Release the lock, if it is held; the empty file stays."""
         if self._file is None:
             return
         self._file.truncate(0)
@@ -82,7 +89,7 @@ class OwnerLock:
 
 
 def _owner(file: TextIOWrapper) -> str:
-    """Who wrote the file, in words."""
+    """Return the owner that the file names, for the user."""
     try:
         file.seek(0)
         owner = json.loads(file.read(4096))

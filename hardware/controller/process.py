@@ -1,8 +1,9 @@
-"""The controller's driver in a process of its own: whatever else the program computes, it streams and watches on time.
+"""The controller's driver in a process of its own, so that it is polled on time whatever the
+program computes.
 
-A Python program that renders, matches images or collects garbage stops all of its threads for tenths of a second. The
-robot's queue does not wait so long. The other process ends with a hold and a clean disconnect when this one dies, however
-it dies: nobody is left to want the motion.
+A Python program that renders, matches images or collects garbage stops all of its threads for
+tenths of a second, which is longer than the robot's queue lasts. If the parent process dies for any
+reason, the child stops the robot along its path and disconnects.
 """
 
 import contextlib
@@ -16,62 +17,44 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from unwrinkle.hardware.controller.driver import QUEUE_KEPT, ControllerDriver
-from unwrinkle.hardware.controller.thread import LEAVING, DriverThread
-from unwrinkle.hardware.controller_state import FAULT, OFFLINE, DriverStatus, JointFeedback
+from unwrinkle.hardware.controller.proxy import (
+    COMMANDS,
+    LONGEST_CLOSE_S,
+    DriverProxy,
+    DriverReport,
+)
+from unwrinkle.hardware.controller.thread import DriverThread
+from unwrinkle.hardware.controller_state import FAULT, OFFLINE, DriverStatus
 from unwrinkle.hardware.run_log.protocol import RunLogger
 from unwrinkle.hardware.run_log.writer import RunLog
-from unwrinkle.models.errors import HardwareError
+from unwrinkle.models.arrays import Array
+from unwrinkle.models.errors import ConnectionLostError, HardwareError, OverdueError
 from unwrinkle.models.limits import Limits
 from unwrinkle.models.site import ControllerSite
-from unwrinkle.planning.trajectory import Trajectory
 
-#: s: until the process has started and connected, beside the site's own deadline; for an answer of it.
-_START, _ANSWER = 30.0, 3.0
-#: A program that says nothing for so long while its robot moves is taken to hang, and the robot is held, s.
-SILENCE = 2.0
-#: Between two looks at the status while waiting, s.
-_LOOK = 0.01
-#: What a request may call.
-_COMMANDS = (
-    "run",
-    "hold",
-    "resume",
-    "stop",
-    "reset",
-    "fail",
-    "set_override",
-    "write_output",
-    "read_input",
-)
+#: Longest start of the process, beside the site's own deadlines, s.
+_LONGEST_START_S = 30.0
+#: Longest wait for a report of the process, s.
+_LONGEST_ANSWER_S = 3.0
+#: A program that calls nothing for this long while its robot moves is taken to hang, and the robot
+#: is held, s.
+LONGEST_SILENCE_S = 2.0
+#: Between two reports while waiting, s.
+_WAIT_PERIOD_S = 0.01
+#: Message of a process that has ended.
+_ENDED = "the driver's process has ended"
 
 
-@dataclass(frozen=True, eq=False)
-class _Snapshot:
-    """What the other process's driver says."""
+class DriverProcess(DriverProxy):
+    """Has a driver polled by another process until it is closed.
 
-    status: DriverStatus = field(default_factory=DriverStatus)
-    feedback: JointFeedback | None = None
-    inputs: dict[int, int | None] = field(default_factory=dict)
-    outputs_written: dict[int, int | None] = field(default_factory=dict)
-    io_problem: str = ""
-
-
-class DriverProcess:
-    """Has a driver polled by another process until it is closed; every method may be called from any thread.
-
-    It offers what `DriverThread` offers. While the robot moves, something of it has to be called at least every `SILENCE`
-    seconds (`wait` does): a program that says nothing is taken to hang, and the robot is held. As a context manager it connects at the start; at the end, however that comes, it
-    holds, waits for rest and disconnects.
+    While the robot moves, a method has to be called at least every `LONGEST_SILENCE_S` seconds
+    (`wait` does so): otherwise the program is taken to hang, and the robot is held.
     """
 
     def __init__(
@@ -82,31 +65,33 @@ class DriverProcess:
         log: Path | None = None,
         command: str = "",
         io: bool = True,
-        full_speed: "NDArray[np.float64] | None" = None,
+        full_speed: Array | None = None,
     ) -> None:
-        """Prepare; nothing is connected before `start`.
+        """Prepare; nothing is started or connected before `start`.
 
         Args:
             site: of the controller.
             limits: of the thirteen axes.
-            log: file of a run log that was begun; both processes append to it.
-            command: what the lock's owner is called.
+            log: file of a run log that has been created; both processes append to it.
+            command: name of the lock's owner.
             io: whether the controller's inputs and outputs are needed.
-            full_speed: (13,) of the axes, rad/s, that the site's speed cap is a share of; the limits' if left out.
+            full_speed: (13,) rad/s, of which the site's speed cap is a share; the limits' velocity
+                if None.
         """
         owner = f"{command or 'a program'}, process {os.getpid()}"
         self._arguments = (site, limits, log, owner, io, full_speed)
-        self._deadline = _START + 3.0 * site.connect_timeout
+        self._deadline = _LONGEST_START_S + 3.0 * site.connect_timeout
         self._lock = threading.RLock()
         self._process: subprocess.Popen[bytes] | None = None
         self._connection: Connection[Any, Any] | None = None
-        self._last = _Snapshot()
+        self._last = DriverReport()
 
     def start(self) -> None:
-        """Start the process and connect; a second time changes nothing.
+        """Start the process and connect; a second call changes nothing.
 
         Raises:
-            HardwareError: the robot is in use, nobody answers, or the process does not start.
+            HardwareError: the robot is in use, a server does not answer, or the process does not
+                start.
         """
         with self._lock:
             if self._process is not None:
@@ -119,134 +104,68 @@ class DriverProcess:
                     stdin=subprocess.DEVNULL,
                 )
             self._connection = Connection(ours.detach())
-            with contextlib.suppress(OSError):  # the answer says more
+            with contextlib.suppress(OSError):  # reported by the missing answer
                 self._connection.send_bytes(pickle.dumps(self._arguments))
             problem = self._answer(self._deadline)
-            if problem:
+            if problem is not None:
                 self._end()
-                raise HardwareError(problem)
+                raise problem
 
     def close(self) -> None:
-        """Hold, wait for rest (bounded), leave trajectory mode, disconnect; a second time changes nothing."""
+        """Hold, wait for rest (bounded), leave trajectory mode, disconnect; a second call changes
+        nothing.
+        """
         with self._lock:
             if self._process is None:
                 return
             if self._connection is not None:
                 with contextlib.suppress(OSError):
                     self._connection.send(("close", ()))
-                self._answer(2.0 * LEAVING)
+                self._answer(2.0 * LONGEST_CLOSE_S)
             self._end()
-            self._last = _Snapshot(DriverStatus(state=OFFLINE), self._last.feedback)
-
-    def __enter__(self) -> Self:
-        """Connect."""
-        self.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Hold, wait for rest, disconnect."""
-        self.close()
-
-    # What it tells
+            self._last = DriverReport(DriverStatus(state=OFFLINE), self._last.feedback)
 
     @property
     def pid(self) -> int | None:
-        """Of the other process; None before `start`."""
+        """Identifier of the other process; None before `start`."""
         return None if self._process is None else self._process.pid
 
-    @property
-    def status(self) -> DriverStatus:
-        """Newest status; a process that has ended is a fault."""
-        return self._ask().status
+    def report(self) -> DriverReport:
+        """Return what the driver reports now; a process that has ended is a fault.
 
-    @property
-    def feedback(self) -> JointFeedback | None:
-        """Newest whole set; None before the first. The same object until another one comes."""
-        return self._ask().feedback
-
-    @property
-    def inputs(self) -> dict[int, int | None]:
-        """Digital inputs that were read, by address; None: the controller refused."""
-        return self._ask().inputs
-
-    @property
-    def outputs_written(self) -> dict[int, int | None]:
-        """Digital outputs that the controller has acknowledged, by address."""
-        return self._ask().outputs_written
-
-    @property
-    def io_problem(self) -> str:
-        """Why the I/O connection is of no use; empty if it is."""
-        return self._ask().io_problem
+        The feedback is the same object until a newer set has come.
+        """
+        return self._ask()
 
     def wait(self, predicate: Callable[[DriverStatus], bool], timeout: float) -> bool:
-        """Wait until the status fulfils something, at most so long (s, of real time); whether it does."""
+        """Wait at most `timeout`, s of real time, until the status fulfils `predicate`; return
+        whether it does.
+        """
         end = time.monotonic() + timeout
         while not predicate(self.status):
             if time.monotonic() > end:
                 return False
-            time.sleep(_LOOK)
+            time.sleep(_WAIT_PERIOD_S)
         return True
 
-    # Commands: see the driver
+    def _call(self, command: str, *arguments: object) -> None:
+        self._ask(command, *arguments)
 
-    def run(self, number: int, trajectory: Trajectory, name: str = "") -> None:
-        """Run a trajectory from where the robot rests."""
-        self._ask("run", number, trajectory, name)
-
-    def hold(self, number: int) -> None:
-        """Brake along the path."""
-        self._ask("hold", number)
-
-    def resume(self, number: int) -> None:
-        """Go on from a hold."""
-        self._ask("resume", number)
-
-    def stop(self, reason: str) -> None:
-        """Hold, then leave trajectory mode."""
-        self._ask("stop", reason)
-
-    def reset(self) -> None:
-        """Leave a latched fault."""
-        self._ask("reset")
-
-    def fail(self, text: str) -> None:
-        """Stop at once, latch a fault."""
-        self._ask("fail", text)
-
-    def set_override(self, value: float) -> None:
-        """Share of the planned speed, 0 to 1."""
-        self._ask("set_override", value)
-
-    def write_output(self, address: int, value: int) -> None:
-        """Set a digital output."""
-        self._ask("write_output", address, value)
-
-    def read_input(self, address: int) -> None:
-        """Ask for a digital input."""
-        self._ask("read_input", address)
-
-    # The other process
-
-    def _ask(self, name: str = "", *arguments: Any) -> _Snapshot:
-        """Have something called, and take what the driver says afterwards."""
+    def _ask(self, name: str = "", *arguments: Any) -> DriverReport:
+        """Have a command called, if one is named, and return the report that follows."""
         with self._lock:
             if self._connection is None:
                 return self._last
-            problem = ""
             try:
                 self._connection.send((name, arguments))
             except OSError:
-                problem = "the driver's process has ended"
-            problem = problem or self._answer(_ANSWER)
-            if problem:
+                problem: HardwareError | None = ConnectionLostError(_ENDED)
+            else:
+                problem = self._answer(_LONGEST_ANSWER_S)
+            if problem is not None:
                 self._end()
-                # One that was asked to end has braked and left; one that was killed has not.
+                # A process that ended by itself has braked and disconnected; one that was killed
+                # has not.
                 left = self._process is not None and (self._process.returncode or 0) >= 0
                 after = "it braked, and left the controller" if left else QUEUE_KEPT
                 status = DriverStatus(
@@ -255,44 +174,45 @@ class DriverProcess:
                     completed=self._last.status.completed,
                     reason=f"{problem}; {after}",
                 )
-                self._last = _Snapshot(status, self._last.feedback)
+                self._last = DriverReport(status, self._last.feedback)
             return self._last
 
-    def _answer(self, deadline: float) -> str:
-        """Take a snapshot; else why there is none."""
+    def _answer(self, deadline: float) -> HardwareError | None:
+        """Receive a report within `deadline`, s; return why there is none."""
         connection = self._connection
         assert connection is not None
         try:
             if not connection.poll(deadline):
-                return f"the driver's process did not answer within {deadline:g} s"
+                text = f"the driver's process did not answer within {deadline:g} s"
+                return OverdueError(text, deadline, deadline)
             answer = connection.recv()
         except (OSError, EOFError):
-            return "the driver's process has ended"
-        if isinstance(answer, str):
+            return ConnectionLostError(_ENDED)
+        if isinstance(answer, HardwareError):
             return answer
         before, now = self._last.feedback, answer.feedback
         if before is not None and now is not None and before.count == now.count:
-            answer = _Snapshot(
+            answer = DriverReport(
                 answer.status, before, answer.inputs, answer.outputs_written, answer.io_problem
             )
         self._last = answer
-        return ""
+        return None
 
     def _end(self) -> None:
-        """Part from the other process, which holds and disconnects by itself."""
+        """Close the connection to the other process, which then holds and disconnects by itself."""
         if self._connection is not None:
             self._connection.close()
             self._connection = None
         if self._process is not None:
             try:
-                self._process.wait(2.0 * LEAVING)
+                self._process.wait(2.0 * LONGEST_CLOSE_S)
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
 
 
 def serve(connection: "Connection[Any, Any]") -> None:
-    """What the other process does: drive until it is told to close, its parent is gone, or SIGTERM comes."""
+    """Drive in the other process until a close request, the parent's end, or SIGTERM."""
     site, limits, path, command, io, full_speed = pickle.loads(connection.recv_bytes())
     log = RunLog.join(path) if path is not None else None
     try:
@@ -301,15 +221,15 @@ def serve(connection: "Connection[Any, Any]") -> None:
             site, limits, log=logger, command=command, io=io, full_speed=full_speed
         )
         with DriverThread(driver) as thread:
-            gc.freeze()  # what is there stays: the collector has little to look at
-            connection.send(_snapshot(thread))
+            gc.freeze()  # keeps collections short
+            connection.send(thread.report())
             with contextlib.suppress(EOFError, OSError):
                 _obey(connection, thread)
         with contextlib.suppress(OSError):
-            connection.send(_Snapshot())
+            connection.send(DriverReport())
     except HardwareError as error:
         with contextlib.suppress(OSError):
-            connection.send(str(error))
+            connection.send(error)
     finally:
         if log is not None:
             log.close()
@@ -317,27 +237,17 @@ def serve(connection: "Connection[Any, Any]") -> None:
 
 def _obey(connection: "Connection[Any, Any]", thread: DriverThread) -> None:
     while True:
-        while not connection.poll(SILENCE):
-            thread.pause(f"the program has said nothing for {SILENCE:g} s; does it hang?")
+        while not connection.poll(LONGEST_SILENCE_S):
+            thread.pause(f"the program has said nothing for {LONGEST_SILENCE_S:g} s; does it hang?")
         name, arguments = connection.recv()
         if name == "close":
             return
-        if name in _COMMANDS:
+        if name in COMMANDS:
             try:
                 getattr(thread, name)(*arguments)
             except HardwareError as error:
                 thread.fail(str(error))
-        connection.send(_snapshot(thread))
-
-
-def _snapshot(thread: DriverThread) -> _Snapshot:
-    return _Snapshot(
-        thread.status,
-        thread.feedback,
-        dict(thread.inputs),
-        dict(thread.outputs_written),
-        thread.io_problem,
-    )
+        connection.send(thread.report())
 
 
 def _leave(number: int, frame: object) -> None:
@@ -345,12 +255,12 @@ def _leave(number: int, frame: object) -> None:
 
 
 if __name__ == "__main__":
-    # Ctrl-C in a terminal goes to both processes; the first one decides what to do.
+    # Ctrl-C in a terminal goes to both processes; the parent decides what to do.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _leave)
     with contextlib.suppress(OSError):
         os.nice(-5)
-    # Under its own name, so that what is pickled is found at the other side.
+    # Imported under its own name, so that pickled classes are found on the other side.
     from unwrinkle.hardware.controller import process
 
     process.serve(Connection(int(sys.argv[1])))

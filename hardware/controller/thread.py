@@ -1,14 +1,13 @@
-"""The controller's driver in a thread of its own, on a real clock."""
+"""The controller's driver polled by a thread of its own, on a real clock."""
 
 import logging
 import select
 import threading
 import time
 from collections.abc import Callable
-from types import TracebackType
-from typing import Self
 
 from unwrinkle.hardware.controller.driver import ControllerDriver
+from unwrinkle.hardware.controller.proxy import LONGEST_CLOSE_S, DriverProxy, DriverReport
 from unwrinkle.hardware.controller_state import (
     FAULT,
     HOLDING,
@@ -16,24 +15,19 @@ from unwrinkle.hardware.controller_state import (
     STARTING,
     STOPPING,
     DriverStatus,
-    JointFeedback,
 )
 from unwrinkle.models.errors import HardwareError
-from unwrinkle.planning.trajectory import Trajectory
 
 _logger = logging.getLogger(__name__)
 
-#: Longest wait for rest when leaving, s; a hold takes well under a second, at most several.
-LEAVING = 8.0
-#: The thread ends within this, s.
-_END = 2.0
+#: Longest wait for the thread's end, s.
+_LONGEST_JOIN_S = 2.0
 
 
-class DriverThread:
-    """Polls a driver until it is closed; every method may be called from any thread.
+class DriverThread(DriverProxy):
+    """Polls a driver until it is closed.
 
-    As a context manager it connects at the start; at the end, however that comes, it holds, waits for rest and
-    disconnects. An exception in the loop stops the robot at once and latches a fault with the exception's text.
+    An exception in the loop stops the robot at once and latches a fault with the exception's text.
     """
 
     def __init__(
@@ -42,7 +36,13 @@ class DriverThread:
         period: float = 0.002,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Poll a driver once each period, s."""
+        """Prepare to poll a driver.
+
+        Args:
+            driver: polled by this thread alone from `start` on.
+            period: longest time between two polls, s; replies of the controller are read at once.
+            clock: monotonic, s.
+        """
         self._driver = driver
         self._period = period
         self._clock = clock
@@ -50,45 +50,23 @@ class DriverThread:
         self._end = threading.Event()
         self._thread: threading.Thread | None = None
 
-    # What it tells
-
-    @property
-    def status(self) -> DriverStatus:
-        """Newest status."""
+    def report(self) -> DriverReport:
+        """Return what the driver reports now."""
         with self._changed:
-            return self._driver.status
-
-    @property
-    def feedback(self) -> JointFeedback | None:
-        """Newest set of feedback; None before the first."""
-        with self._changed:
-            return self._driver.feedback
-
-    @property
-    def inputs(self) -> dict[int, int | None]:
-        """See the driver."""
-        with self._changed:
-            return self._driver.inputs
-
-    @property
-    def outputs_written(self) -> dict[int, int | None]:
-        """See the driver."""
-        with self._changed:
-            return self._driver.outputs_written
-
-    @property
-    def io_problem(self) -> str:
-        """See the driver."""
-        with self._changed:
-            return self._driver.io_problem
-
-    # Its life
+            driver = self._driver
+            return DriverReport(
+                driver.status,
+                driver.feedback,
+                driver.inputs,
+                driver.outputs_written,
+                driver.io_problem,
+            )
 
     def start(self) -> None:
-        """Connect, and poll from now on; a second time changes nothing.
+        """Connect, and poll from now on; a second call changes nothing.
 
         Raises:
-            HardwareError: the robot is in use, or nobody answers.
+            HardwareError: the robot is in use, or a server does not answer.
         """
         if self._thread is not None:
             return
@@ -99,39 +77,29 @@ class DriverThread:
         self._thread.start()
 
     def close(self) -> None:
-        """Hold, wait for rest (bounded), leave trajectory mode, disconnect; a second time changes nothing."""
+        """Hold, wait for rest (bounded), leave trajectory mode, disconnect; a second call changes
+        nothing.
+        """
         if self._thread is not None:
             moving = (STARTING, RUNNING, HOLDING, STOPPING)
             if self.status.state in moving and self._thread.is_alive():
                 with self._changed:
                     self._driver.hold(self._driver.status.command + 1)
-                self.wait(lambda status: status.state not in moving, LEAVING)
+                self.wait(lambda status: status.state not in moving, LONGEST_CLOSE_S)
             # A fault may still be braking along the path.
             if self.status.state == FAULT:
-                self.wait(lambda _: not self._driver.braking, LEAVING)
+                self.wait(lambda _: not self._driver.braking, LONGEST_CLOSE_S)
             self._end.set()
-            self._thread.join(_END)
+            self._thread.join(_LONGEST_JOIN_S)
             self._thread = None
         with self._changed:
             self._driver.close()
             self._changed.notify_all()
 
-    def __enter__(self) -> Self:
-        """Connect and poll."""
-        self.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Hold, wait for rest, disconnect."""
-        self.close()
-
     def wait(self, predicate: Callable[[DriverStatus], bool], timeout: float) -> bool:
-        """Wait until the status fulfils something, at most so long (s, of real time); whether it does."""
+        """Wait at most `timeout`, s of real time, until the status fulfils `predicate`; return
+        whether it does.
+        """
         end = time.monotonic() + timeout
         with self._changed:
             while not predicate(self._driver.status):
@@ -141,59 +109,14 @@ class DriverThread:
                 self._changed.wait(min(left, 0.1))
             return True
 
-    # Commands
-
-    def run(self, number: int, trajectory: Trajectory, name: str = "") -> None:
-        """See the driver."""
-        with self._changed:
-            self._driver.run(number, trajectory, name)
-
-    def hold(self, number: int) -> None:
-        """See the driver."""
-        with self._changed:
-            self._driver.hold(number)
-
-    def resume(self, number: int) -> None:
-        """See the driver."""
-        with self._changed:
-            self._driver.resume(number)
-
-    def stop(self, reason: str) -> None:
-        """See the driver: hold, then leave trajectory mode."""
-        with self._changed:
-            self._driver.stop(reason)
-
-    def reset(self) -> None:
-        """See the driver."""
-        with self._changed:
-            self._driver.reset()
-
-    def fail(self, text: str) -> None:
-        """See the driver: stop at once, latch a fault."""
-        with self._changed:
-            self._driver.fail(text)
-
     def pause(self, reason: str) -> None:
-        """See the driver."""
+        """Brake along the path, if a trajectory runs; see `ControllerDriver.pause`."""
         with self._changed:
             self._driver.pause(reason)
 
-    def set_override(self, value: float) -> None:
-        """See the driver."""
+    def _call(self, command: str, *arguments: object) -> None:
         with self._changed:
-            self._driver.set_override(value)
-
-    def write_output(self, address: int, value: int) -> None:
-        """See the driver."""
-        with self._changed:
-            self._driver.write_output(address, value)
-
-    def read_input(self, address: int) -> None:
-        """See the driver."""
-        with self._changed:
-            self._driver.read_input(address)
-
-    # The loop
+            getattr(self._driver, command)(*arguments)
 
     def _loop(self) -> None:
         failed = False
@@ -213,7 +136,9 @@ class DriverThread:
             self._pause()
 
     def _pause(self) -> None:
-        """Wait for a period, or until the controller says something: the next point waits for its answer."""
+        """Wait for a period, or until the controller sends something: the next point waits for its
+        reply.
+        """
         links = [link for link in self._driver.links.values() if not link.closed]
         try:
             if links:

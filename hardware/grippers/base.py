@@ -1,4 +1,6 @@
-"""The two grippers, on the controller's digital outputs or on a CAN bus: bounded strokes, and whether cloth is held."""
+"""Interface of the two grippers, and the stroke that all of them share: sent, confirmed within a
+deadline, or failed.
+"""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -10,22 +12,23 @@ from unwrinkle.models.site import GripperSite
 
 SIDES = ("right", "left")
 
-#: Inputs and positions are asked for this often, s.
-READ_PERIOD = 0.05
-#: What sensors say has to stay so for this long before a stroke counts as done, s: every sensor is read anew meanwhile.
-_CONFIRM = 0.15
+#: Between two reads of inputs and positions, s.
+READ_PERIOD_S = 0.05
+#: A stroke is done once its sensors have confirmed it for this long, s: each of them is read again
+#: meanwhile.
+_CONFIRM_TIME_S = 0.15
 
 
 @dataclass(frozen=True)
 class GripperReport:
-    """What is known of both grippers, right and left.
+    """State of both grippers, right and left.
 
     Attributes:
         command: number of the last command that both have finished.
-        opening: distance between the blades, m; None where nothing measures it.
-        closed: whether it is closed; where nothing tells, whether it was commanded to be.
-        holding: whether it has cloth between its blades; None where nothing can tell.
-        reason: why a gripper does not answer or does not move; else empty.
+        opening: distance between the blades, m; None without a measurement.
+        closed: measured; without a sensor, as the controller has set the output.
+        holding: whether cloth is between the blades; None without a sensor.
+        reason: why a gripper does not answer or move; else empty.
     """
 
     command: int = 0
@@ -36,28 +39,28 @@ class GripperReport:
 
 
 class Grippers(Protocol):
-    """Both grippers, whatever moves them."""
+    """Both grippers, on any device."""
 
     @property
     def status(self) -> GripperReport:
-        """What is known as of the last poll."""
+        """State as of the last poll."""
         ...
 
     def command(self, number: int, closed: tuple[bool, bool]) -> None:
-        """Close or open, right and left; the result is in `status`."""
+        """Close or open, right and left; `status` reports the result."""
         ...
 
     def poll(self, now: float) -> None:
-        """Read what came, decide, and write; never waits. `now` is of any clock, s."""
+        """Read, decide and write without waiting; `now` is of any clock, s."""
         ...
 
     def close(self) -> None:
-        """End; the grippers stay as they are."""
+        """Disconnect; the grippers stay as they are."""
         ...
 
 
 class DigitalIo(Protocol):
-    """Inputs and outputs of the robot's controller, as its driver has them."""
+    """Digital inputs and outputs of the robot's controller; see `ControllerDriver`."""
 
     @property
     def inputs(self) -> dict[int, int | None]:
@@ -66,28 +69,35 @@ class DigitalIo(Protocol):
 
     @property
     def outputs_written(self) -> dict[int, int | None]:
-        """Last value that the controller has taken for each output; None where it has not answered yet."""
+        """Last value that the controller has acknowledged for each output; None where it has not
+        answered yet.
+        """
+        ...
+
+    @property
+    def io_problem(self) -> str:
+        """Last refusal of an input or output, for the user; empty if there is none."""
         ...
 
     def write_output(self, address: int, value: int) -> None:
-        """Ask for an output to be set."""
+        """Set an output to 0 or 1."""
         ...
 
     def read_input(self, address: int) -> None:
-        """Ask for an input."""
+        """Read an input."""
         ...
 
 
 class GripperPair(ABC):
-    """A stroke of both grippers: sent, once more at half its time, done when both confirm it, or failed.
+    """A stroke of both grippers: sent, repeated at half its deadline, done when both confirm it, or
+    failed.
 
-    A stroke that is not confirmed within the site's `timeout` is a reason in the status; it stays
-    until the next command. Commands say open or closed, never a change, so that sending one again
-    does no harm.
+    A stroke that is not confirmed within the site's `timeout` sets the reason in the status until
+    the next command. Commands name the state, open or closed, so repeating one is harmless.
     """
 
     def __init__(self, site: GripperSite) -> None:
-        """Nothing is sent before a command."""
+        """Prepare; nothing is sent before a command."""
         self._site = site
         self._clock = SteadyClock()
         self._number = self._finished = 0
@@ -99,16 +109,17 @@ class GripperPair(ABC):
 
     @property
     def status(self) -> GripperReport:
-        """What is known as of the last poll."""
+        """State as of the last poll."""
         closed = (self._closed(0), self._closed(1))
         holding = (self._holding(0), self._holding(1))
         return GripperReport(self._finished, self._opening(), closed, holding, self._reason)
 
     def command(self, number: int, closed: tuple[bool, bool]) -> None:
-        """Close or open, right and left, with the next poll.
+        """Close or open, right and left, with the next poll; a command under way is replaced.
 
-        A command whose number is not above the last one's is no new one; a new one replaces the
-        one under way.
+        Args:
+            number: counts up; one that is not above the last command's changes nothing.
+            closed: right and left.
         """
         if number <= self._number:
             return
@@ -116,7 +127,7 @@ class GripperPair(ABC):
         self._reason, self._sends, self._confirmed = "", 0, None
 
     def poll(self, now: float) -> None:
-        """Read what came, decide, and write; never waits.
+        """Read, decide and write without waiting.
 
         Args:
             now: of any clock, s.
@@ -145,12 +156,12 @@ class GripperPair(ABC):
             return
         if self._confirmed is None:
             self._confirmed = now
-        if elapsed >= self._site.stroke_time and now - self._confirmed >= _CONFIRM:
+        if elapsed >= self._site.stroke_time and now - self._confirmed >= _CONFIRM_TIME_S:
             self._finished = self._number
 
     @abstractmethod
     def _listen(self, now: float) -> None:
-        """Take what came, and ask for what is to be known."""
+        """Read what came, and request what is due."""
 
     @abstractmethod
     def _send(self, index: int, closed: bool) -> None:
@@ -158,15 +169,15 @@ class GripperPair(ABC):
 
     @abstractmethod
     def _lacks(self, index: int, closed: bool) -> str:
-        """What is missing for one gripper to have done as commanded; empty if nothing."""
+        """Return why one gripper is not in the commanded state; empty if it is."""
 
     @abstractmethod
     def _closed(self, index: int) -> bool:
-        """Whether one gripper is closed."""
+        """Return whether one gripper is closed."""
 
     @abstractmethod
     def _holding(self, index: int) -> bool | None:
-        """Whether one gripper holds cloth; None if nothing can tell."""
+        """Return whether one gripper holds cloth; None without a sensor."""
 
     def _opening(self) -> tuple[float, float] | None:
         return None

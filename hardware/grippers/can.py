@@ -3,36 +3,47 @@
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from unwrinkle.hardware.grippers.base import READ_PERIOD, SIDES, GripperPair
-from unwrinkle.models.errors import HardwareError
+from unwrinkle.hardware.grippers.base import READ_PERIOD_S, SIDES, GripperPair
+from unwrinkle.models.errors import ConnectionLostError, HardwareError
 from unwrinkle.models.site import GripperSite
 
-# Bits 9 and 10 of an identifier are the component; the lower ones the limb.
-MOTOR, SENSORS = 0x200, 0x600
-COMPONENTS, LIMBS = 0x600, 0x1FF
+#: Components of an identifier, its bits 9 and 10.
+MOTOR = 0x200
+SENSORS = 0x600
+#: Mask of the component, and of the limb.
+COMPONENTS = 0x600
+LIMBS = 0x1FF
+#: Commands.
+GET_POSITION = 0x0D
+OPEN = 0x0F
+CLOSE = 0x13
+#: Status bits.
+OPENING = 0x01
+CALIBRATED = 0x02
+CLOSING = 0x20
+#: Position of closed blades, parts in ten thousand; that of open ones is 0.
+CLOSED_POSITION = 10000
 
-GET_POSITION, OPEN, CLOSE = 0x0D, 0x0F, 0x13
-OPENING, CLOSING, CALIBRATED = 0x01, 0x20, 0x02
-#: Position of closed blades; that of open ones is 0. Of one part in ten thousand.
-FULL = 10000
-
-#: ASSUMED: an open gripper stands within this of 0, and a closed one beyond CLOSED.
-_OPEN_WITHIN, _CLOSED = 300, 5000
-#: ASSUMED, since the frame that tells of held cloth is not public: blades with cloth between them stop at least so much
-#: before their full closure.
+#: ASSUMED: largest position of an open gripper, parts in ten thousand.
+_OPEN_WITHIN = 300
+#: ASSUMED: least position of a closed gripper, parts in ten thousand.
+_CLOSED = 5000
+#: ASSUMED, since the frame that reports held cloth is not public: least distance from full closure
+#: at which blades stop with cloth between them, parts in ten thousand.
 _CLOTH = 30
-#: A gripper that has not said its position for this long is not known to stand anywhere, s.
-_STALE = 0.5
+#: Age beyond which a reported position is not used, s.
+_LONGEST_AGE_S = 0.5
+#: Limit of frames per poll.
 _MOST_FRAMES = 512
 
 
 @dataclass(frozen=True)
 class LimbReport:
-    """What one gripper says of itself.
+    """State that one gripper reports.
 
     Attributes:
         closure: 0 open, 1 closed.
-        calibrated: whether it knows where it stands.
+        calibrated: whether its position is calibrated.
         moving: whether its blades move.
     """
 
@@ -42,21 +53,21 @@ class LimbReport:
 
 
 class CanMessage(Protocol):
-    """A frame that came, as of python-can."""
+    """A received frame, as of python-can."""
 
     arbitration_id: int
     data: bytearray
 
 
 class CanBus(Protocol):
-    """What is needed of python-can's bus."""
+    """The part of python-can's bus that is used."""
 
     def send(self, msg: Any, timeout: float | None = None) -> None:
         """Send a frame."""
         ...
 
     def recv(self, timeout: float | None = None) -> Any:
-        """The next frame, or None."""
+        """Return the next frame, or None."""
         ...
 
     def shutdown(self) -> None:
@@ -84,9 +95,9 @@ def open_can_bus(site: GripperSite) -> CanBus:
     try:
         bus: CanBus = can.Bus(interface=site.interface, channel=site.channel, bitrate=site.bitrate)
     except (can.CanError, OSError, ValueError, ImportError, NotImplementedError) as error:
-        raise HardwareError(
-            f"cannot open CAN interface {site.interface}, channel {site.channel}, at {site.bitrate} bit/s: "
-            f"{error}; is the adapter plugged in, and its driver loaded?"
+        raise ConnectionLostError(
+            f"cannot open CAN interface {site.interface}, channel {site.channel}, at "
+            f"{site.bitrate} bit/s: {error}; is the adapter plugged in, and its driver loaded?"
         ) from None
     return bus
 
@@ -94,17 +105,17 @@ def open_can_bus(site: GripperSite) -> CanBus:
 class CanGrippers(GripperPair):
     """Both grippers on one bus.
 
-    Replies are ASSUMED to carry the limb's code and the component of motor or sensors in their
+    ASSUMED: replies carry the limb's code and the component of motor or sensors in their
     identifier, as commands do.
     """
 
     def __init__(self, site: GripperSite, bus: CanBus, *, stroke: float | None = None) -> None:
-        """Use an open bus; nothing but questions is sent before a command.
+        """Use an open bus; only requests for positions are sent before a command.
 
         Args:
             site: limb codes and times.
             bus: open.
-            stroke: opening of an open gripper, m; None reports no opening.
+            stroke: opening of an open gripper, m; None disables the report of the opening.
         """
         super().__init__(site)
         self._can, self._bus, self._stroke_length = _python_can(), bus, stroke
@@ -114,7 +125,7 @@ class CanGrippers(GripperPair):
 
     @property
     def limbs(self) -> tuple[LimbReport | None, LimbReport | None]:
-        """What the right and the left gripper said lately; None for one that said nothing."""
+        """Last states of the right and left gripper; None if it has not reported lately."""
         right, left = (self._limb(index) for index in range(2))
         return right, left
 
@@ -124,7 +135,7 @@ class CanGrippers(GripperPair):
             return None
         position, bits = known
         return LimbReport(
-            position / FULL, bool(bits & CALIBRATED), bool(bits & (OPENING | CLOSING))
+            position / CLOSED_POSITION, bool(bits & CALIBRATED), bool(bits & (OPENING | CLOSING))
         )
 
     def close(self) -> None:
@@ -143,9 +154,9 @@ class CanGrippers(GripperPair):
             raise self._broken(error) from None
 
     def _broken(self, error: Exception) -> HardwareError:
-        return HardwareError(
-            f"CAN bus {self._site.channel} fails: {error}; check its cable, its termination and the "
-            "grippers' supply"
+        return ConnectionLostError(
+            f"CAN bus {self._site.channel} fails: {error}; check its cable, its termination and "
+            "the grippers' supply"
         )
 
     def _listen(self, now: float) -> None:
@@ -159,7 +170,7 @@ class CanGrippers(GripperPair):
                 break
             self._take(frame)
         if now >= self._next_ask:
-            self._next_ask = now + READ_PERIOD
+            self._next_ask = now + READ_PERIOD_S
             for index in range(2):
                 self._transmit(index, GET_POSITION)
 
@@ -171,17 +182,17 @@ class CanGrippers(GripperPair):
         if len(data) != 6 or data[0] != GET_POSITION:
             return
         position = int.from_bytes(data[1:3], "big")
-        if position <= FULL:
+        if position <= CLOSED_POSITION:
             self._heard[self._site.limbs.index(limb)] = (position, data[5], self._now)
 
     def _send(self, index: int, closed: bool) -> None:
-        self._heard[index] = None  # what it said before does not answer this
+        self._heard[index] = None  # an earlier report does not confirm this command
         self._transmit(index, CLOSE if closed else OPEN)
 
     def _known(self, index: int) -> tuple[int, int] | None:
-        """Position and status bits; None if it has not said them lately."""
+        """Return position and status bits; None if they were not reported lately."""
         heard = self._heard[index]
-        if heard is None or self._now - heard[2] > _STALE:
+        if heard is None or self._now - heard[2] > _LONGEST_AGE_S:
             return None
         return heard[0], heard[1]
 
@@ -194,12 +205,18 @@ class CanGrippers(GripperPair):
             )
         position, bits = known
         if not bits & CALIBRATED:
-            return f"the {side} gripper's position is not calibrated; calibrate it (command 0E moves it)"
+            return (
+                f"the {side} gripper's position is not calibrated; "
+                "calibrate it (command 0E moves it)"
+            )
         moves = bits & (OPENING | CLOSING)
         there = position >= _CLOSED if closed else position <= _OPEN_WITHIN
         if moves or not there:
             word = "closed" if closed else "open"
-            return f"the {side} gripper is not {word}: it stands at {position / 100:g} % of its closure"
+            return (
+                f"the {side} gripper is not {word}: "
+                f"it stands at {position / 100:g} % of its closure"
+            )
         return ""
 
     def _closed(self, index: int) -> bool:
@@ -210,11 +227,11 @@ class CanGrippers(GripperPair):
         known = self._known(index)
         if known is None:
             return None
-        return _CLOSED <= known[0] <= FULL - _CLOTH
+        return _CLOSED <= known[0] <= CLOSED_POSITION - _CLOTH
 
     def _opening(self) -> tuple[float, float] | None:
         right, left = self._known(0), self._known(1)
         if self._stroke_length is None or right is None or left is None:
             return None
-        scale = self._stroke_length / FULL
+        scale = self._stroke_length / CLOSED_POSITION
         return self._stroke_length - scale * right[0], self._stroke_length - scale * left[0]

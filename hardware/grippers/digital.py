@@ -1,14 +1,14 @@
-"""Grippers on the controller's digital outputs and inputs."""
+"""Grippers on the robot controller's digital outputs and inputs."""
 
-from unwrinkle.hardware.grippers.base import READ_PERIOD, SIDES, DigitalIo, GripperPair
+from unwrinkle.hardware.grippers.base import READ_PERIOD_S, SIDES, DigitalIo, GripperPair
 from unwrinkle.models.site import GripperSite
 
 
 class DigitalGrippers(GripperPair):
-    """Grippers on the controller's digital outputs, with what inputs the site has to tell their state."""
+    """Grippers on the controller's digital outputs, with the site's inputs for their sensors."""
 
     def __init__(self, site: GripperSite, io: DigitalIo) -> None:
-        """Use a driver's inputs and outputs; nothing is sent before a command."""
+        """Use a driver's inputs and outputs; only inputs are read before a command."""
         super().__init__(site)
         self._io = io
         self._inputs = [a for a in (*site.closed_input, *site.holding_input) if a]
@@ -16,7 +16,7 @@ class DigitalGrippers(GripperPair):
         self._taken: list[bool | None] = [None, None]
 
     def close(self) -> None:
-        """End; the outputs stay as they are."""
+        """Do nothing; the outputs stay as they are."""
 
     def _listen(self, now: float) -> None:
         for index in range(2):
@@ -24,7 +24,7 @@ class DigitalGrippers(GripperPair):
             if written is not None:
                 self._taken[index] = bool(written) != self._site.inverted[index]
         if now >= self._next_read:
-            self._next_read = now + READ_PERIOD
+            self._next_read = now + READ_PERIOD_S
             for address in self._inputs:
                 self._io.read_input(address)
 
@@ -39,33 +39,33 @@ class DigitalGrippers(GripperPair):
             int(closed != self._site.inverted[index]),
         )
         if self._io.outputs_written.get(output) != value:
-            why = getattr(self._io, "io_problem", "") or "it has not answered"
+            why = self._io.io_problem or "it has not answered"
             return (
-                f"the controller has not set output {output} for the {side} gripper ({why}); check the "
-                "site's close_output and the I/O connection"
+                f"the controller has not set output {output} for the {side} gripper ({why}); check "
+                "the site's close_output and the I/O connection"
             )
-        told = self._told(self._site.closed_input[index])
-        if self._site.closed_input[index] and told != closed:
-            says = "nothing" if told is None else ("closed" if told else "open")
+        measured = self._sensor(self._site.closed_input[index])
+        if self._site.closed_input[index] and measured != closed:
+            says = "nothing" if measured is None else ("closed" if measured else "open")
             return (
-                f"the {side} gripper is not {word}: input {self._site.closed_input[index]} says {says}; "
-                "check its air, its cable and the site's addresses"
+                f"the {side} gripper is not {word}: input {self._site.closed_input[index]} says "
+                f"{says}; check its air, its cable and the site's addresses"
             )
         if closed and self._site.holding_input[index]:
-            holds = self._told(self._site.holding_input[index])
+            holds = self._sensor(self._site.holding_input[index])
             if holds is None:
                 return (
                     f"input {self._site.holding_input[index]} of the {side} gripper does not answer"
                 )
         return ""
 
-    def _told(self, address: int) -> bool | None:
+    def _sensor(self, address: int) -> bool | None:
         value = self._io.inputs.get(address) if address else None
         return None if value is None else bool(value)
 
     def _closed(self, index: int) -> bool:
-        told = self._told(self._site.closed_input[index])
-        return bool(self._taken[index]) if told is None else told
+        measured = self._sensor(self._site.closed_input[index])
+        return bool(self._taken[index]) if measured is None else measured
 
     def _holding(self, index: int) -> bool | None:
-        return self._told(self._site.holding_input[index])
+        return self._sensor(self._site.holding_input[index])

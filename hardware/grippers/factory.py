@@ -1,4 +1,4 @@
-"""The factory of a site's grippers."""
+"""Opening of a site's grippers."""
 
 from unwrinkle.hardware.grippers.base import DigitalIo, Grippers
 from unwrinkle.hardware.grippers.digital import DigitalGrippers
@@ -9,15 +9,15 @@ from unwrinkle.models.site import GripperSite
 def open_grippers(
     site: GripperSite, io: DigitalIo | None = None, stroke: float | None = None
 ) -> Grippers:
-    """The grippers that a site has; nothing moves.
+    """Open the grippers that a site names; nothing moves.
 
     Args:
         site: of the grippers.
         io: the controller's inputs and outputs, for grippers on them.
-        stroke: opening of an open gripper, m, for those that measure theirs.
+        stroke: opening of an open gripper, m, for grippers that measure it.
 
     Raises:
-        InputError: the site has none, or they need a controller.
+        InputError: the site names none, or they need a controller.
         HardwareError: their bus cannot be opened.
     """
     if site.kind == "can":

@@ -1,10 +1,10 @@
-"""Numbers of the robot controller's messages, and what they mean in plain words."""
+"""Numbers in the robot controller's messages, and their meaning for the user."""
 
 from enum import IntEnum
 
 
 class MessageType(IntEnum):
-    """Kinds of messages; the M-register, tool and DH messages are known by name alone."""
+    """Types of messages; the bodies of the M-register, tool and DH messages are not implemented."""
 
     PING = 1
     ROBOT_STATUS = 13
@@ -30,7 +30,7 @@ class MessageType(IntEnum):
 
 
 class CommType(IntEnum):
-    """Whether a message asks, answers, or only tells."""
+    """Kinds of communication: unsolicited topic, request, reply."""
 
     TOPIC = 1
     REQUEST = 2
@@ -38,7 +38,7 @@ class CommType(IntEnum):
 
 
 class ReplyCode(IntEnum):
-    """In a reply's header; requests and topics carry INVALID."""
+    """Reply code of a header; requests and topics carry INVALID."""
 
     INVALID = 0
     SUCCESS = 1
@@ -46,7 +46,7 @@ class ReplyCode(IntEnum):
 
 
 class Command(IntEnum):
-    """What a motion control message asks for. CHECK_SYNCHRO is the CloPeMa controller's own."""
+    """Commands of a motion control message. CHECK_SYNCHRO exists on the CloPeMa controller only."""
 
     CHECK_MOTION_READY = 200101
     CHECK_QUEUE_COUNT = 200102
@@ -61,7 +61,7 @@ class Command(IntEnum):
 
 
 class Result(IntEnum):
-    """A motion reply's verdict. BUSY asks for the same point again."""
+    """Results of a motion reply. BUSY: send the same point again."""
 
     SUCCESS = 0
     BUSY = 1
@@ -73,7 +73,7 @@ class Result(IntEnum):
 
 
 class Subcode(IntEnum):
-    """Why a message is invalid (30xx) or the robot not ready (50xx)."""
+    """Reasons for an invalid message (30xx), or a robot that is not ready (50xx)."""
 
     INVALID_UNSPECIFIED = 3000
     INVALID_SIZE = 3001
@@ -106,7 +106,7 @@ class Subcode(IntEnum):
 
 
 class IoResult(IntEnum):
-    """Verdict on reading or writing inputs and outputs."""
+    """Results of reading or writing inputs and outputs."""
 
     OK = 0
     READ_ADDRESS = 1001
@@ -116,7 +116,7 @@ class IoResult(IntEnum):
     WRITE_FAILURE = 1005
 
 
-#: What each sub-code of a motion reply means, and what to try.
+#: Meaning of each sub-code of a motion reply, and what to try.
 SUBCODES: dict[int, str] = {
     3000: "the message is invalid, no reason given",
     3001: "the message has a wrong size; is the profile (groups or ex) the controller's?",
@@ -124,11 +124,17 @@ SUBCODES: dict[int, str] = {
     3003: "the controller does not know this type of message; try the other profile",
     3004: "there is no such control group; compare the site's groups with the controller's",
     3005: "the point's sequence number is not the one expected; stop and start the trajectory anew",
-    3006: "the controller does not know this command; if it is the check of synchrony, set synchro: off",
+    3006: (
+        "the controller does not know this command; if it is the check of synchrony, set synchro: "
+        "off"
+    ),
     3010: "a number in the message is invalid",
     3011: "the first point is not where the robot is commanded to stand; plan from where it stands",
     3012: "a position is out of its axis' range",
-    3013: "a speed is above its axis' limit, or the controller's speed governor (controller.speed_cap); slow down",
+    3013: (
+        "a speed is above its axis' limit, or the controller's speed governor "
+        "(controller.speed_cap); slow down"
+    ),
     3014: "an acceleration is above its axis' limit; slow the trajectory down",
     3015: "data is missing: a point needs time, positions and velocities",
     3016: "the point's time is invalid: not increasing, or four hours or more",
@@ -147,11 +153,13 @@ SUBCODES: dict[int, str] = {
     5011: "power and force limiting is active; see the pendant",
     5012: "the controller could not move by increments; stop, and start trajectory mode again",
 }
-#: What each result of reading or writing inputs and outputs means.
+#: Meaning of each result of reading or writing inputs and outputs.
 IO_RESULTS: dict[int, str] = {
     0: "done",
     1001: "there is no input or output of this address to read",
-    1002: "this address cannot be written; general outputs are 10010 to 12567, last digit at most 7",
+    1002: (
+        "this address cannot be written; general outputs are 10010 to 12567, last digit at most 7"
+    ),
     1003: "this value cannot be written",
     1004: "the controller failed to read it",
     1005: "the controller failed to write it",
@@ -168,9 +176,9 @@ _RESULTS: dict[int, str] = {
 
 
 def describe(result: int, subcode: int = 0) -> str:
-    """What a motion reply says, in plain words, with its numbers and what to try.
+    """Return the meaning of a motion reply, with its numbers and what to try.
 
-    A subcode says nothing where the result is no refusal: there it may be a count.
+    The sub-code is only a reason where the result is a refusal; elsewhere it may be a count.
     """
     text = _RESULTS.get(result, "the controller answers with an unknown result")
     if result in (Result.INVALID, Result.NOT_READY):

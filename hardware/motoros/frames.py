@@ -1,10 +1,10 @@
-"""Messages as bytes, and the framer that cuts a stream of bytes into messages."""
+"""Encoding of messages, and the framer that cuts a byte stream into messages."""
 
 import struct
 from dataclasses import dataclass
 
 from unwrinkle.hardware.motoros.codes import CommType, MessageType, ReplyCode
-from unwrinkle.models.errors import HardwareError
+from unwrinkle.models.errors import ProtocolError
 
 _HEADER = struct.Struct("<4i")
 _GREATEST: float = struct.unpack("<f", b"\xff\xff\x7f\x7f")[0]  # of a float32
@@ -35,25 +35,29 @@ _SIZES: dict[int, tuple[int, ...] | None] = {
 }
 
 
-class WireError(HardwareError):
-    """Bytes that are no message, or a message that cannot be put in bytes.
+class WireError(ProtocolError):
+    """Bytes that are not a message, or a message that cannot be encoded.
 
     Attributes:
-        name: "length", "type", "comm", "reply" (of a stream); "body", "valid", "groups" (of a body); "not finite",
-            "integer" (of what should be sent).
-        messages: whole ones that came before the garbage in the same bytes.
+        name: "length", "type", "comm", "reply" (of a stream); "body", "valid", "groups" (of a
+            body); "not finite", "integer" (of a message to send).
+        messages: complete messages before the invalid bytes.
     """
 
     def __init__(self, name: str, text: str, messages: tuple["Message", ...] = ()) -> None:
-        """Refuse for the reason `name`; the text says more."""
+        """State the reason `name`, and a text for the user."""
         super().__init__(text)
         self.name = name
         self.messages = messages
 
+    def __reduce__(self) -> tuple[type["WireError"], tuple[str, str, tuple["Message", ...]]]:
+        """Pickle with all data."""
+        return type(self), (self.name, str(self), self.messages)
+
 
 @dataclass(frozen=True)
 class Message:
-    """One message; the numbers are `MessageType`, `CommType` and `ReplyCode` or unknown to us."""
+    """A message; its numbers are of `MessageType`, `CommType` and `ReplyCode`, or unknown."""
 
     type: int
     comm: int
@@ -61,20 +65,20 @@ class Message:
     body: bytes = b""
 
     def encode(self) -> bytes:
-        """The bytes on the wire."""
+        """Return the bytes on the wire."""
         head = _HEADER.pack(12 + len(self.body), self.type, self.comm, self.reply)
         return head + self.body
 
 
 def ping(comm: int = CommType.REQUEST, reply: int = ReplyCode.INVALID) -> Message:
-    """Are you there?"""
+    """Return a request for a sign of life, or the reply to one."""
     return Message(MessageType.PING, comm, reply)
 
 
 class Framer:
-    """Cuts a stream into messages, however it is split; garbage breaks it for good.
+    """Cuts a byte stream into messages, however it is split; after invalid bytes every call raises.
 
-    What it keeps is never more than `most` bytes and what one call brings.
+    It buffers at most `most` bytes, and the bytes of one call.
     """
 
     def __init__(self, most: int = 4096, lenient: bool = False) -> None:
@@ -82,7 +86,7 @@ class Framer:
 
         Args:
             most: bytes.
-            lenient: pass types that are unknown, as a server does that answers them.
+            lenient: accept unknown types, as a server does that answers them.
         """
         self._most = most
         self._lenient = lenient
@@ -91,15 +95,15 @@ class Framer:
 
     @property
     def waiting(self) -> int:
-        """Bytes of a message that is not whole yet."""
+        """Buffered bytes of an incomplete message."""
         return len(self._kept)
 
     def feed(self, data: bytes) -> list[Message]:
-        """The messages that these bytes make whole.
+        """Return the messages that these bytes complete.
 
         Raises:
-            WireError: these bytes, or earlier ones, are no message. The connection has to be closed; the error
-                carries the whole messages that came before the garbage.
+            WireError: these bytes, or earlier ones, are not a message. The connection has to be
+                closed; the error carries the complete messages before the invalid bytes.
         """
         if self._broken is not None:
             raise WireError(*self._broken)
@@ -114,7 +118,7 @@ class Framer:
         return messages
 
     def _end(self, start: int, messages: list[Message]) -> int | None:
-        """Where the message that begins at `start` ends; None if it is not whole."""
+        """Return the end of the message that begins at `start`; None if it is incomplete."""
         words = struct.unpack_from(f"<{min((len(self._kept) - start) // 4, 4)}i", self._kept, start)
         problem = self._problem(words) if words else None
         if problem is not None:
@@ -126,7 +130,9 @@ class Framer:
         return int(start + 4 + words[0])
 
     def _problem(self, words: tuple[int, ...]) -> tuple[str, str] | None:
-        """What is wrong with as much of a header as is there: length, type, comm, reply."""
+        """Check the words of a header that are there: length, type, comm, reply; return name and
+        text of an error.
+        """
         length = words[0]
         if not 12 <= length <= self._most:
             return "length", f"a message of {length} bytes; 12 to {self._most} are possible"
@@ -145,11 +151,8 @@ class Framer:
         return None
 
 
-# ---------------------------------------------------------------- for the bodies' modules
-
-
 def pack(layout: str, integers: tuple[int, ...], numbers: tuple[float, ...] = ()) -> bytes:
-    """Integers and then numbers as bytes.
+    """Encode integers, then numbers.
 
     Raises:
         WireError: a number is not finite or beyond a float32, an integer beyond an int32.
@@ -164,7 +167,11 @@ def pack(layout: str, integers: tuple[int, ...], numbers: tuple[float, ...] = ()
 
 
 def body_of(message: Message, kind: int) -> bytes:
-    """A message's body; raises WireError for one of another type or length."""
+    """Return a message's body.
+
+    Raises:
+        WireError: another type or length.
+    """
     if message.type != kind:
         raise WireError("type", f"a message of type {message.type} where {kind} is expected")
     sizes = _SIZES[kind]

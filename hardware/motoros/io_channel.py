@@ -1,4 +1,4 @@
-"""The connection for inputs and outputs: one request at a time, the answers in dictionaries."""
+"""The connection for digital inputs and outputs: one request at a time, values by address."""
 
 from collections import deque
 
@@ -15,23 +15,30 @@ from unwrinkle.hardware.motoros.wire import (
     WriteIo,
     WriteIoReply,
 )
-from unwrinkle.models.errors import HardwareError
+from unwrinkle.models.errors import (
+    ConnectionLostError,
+    HardwareError,
+    OverdueError,
+    ProtocolError,
+)
 
-#: Most requests that wait.
-_MOST = 256
+#: Limit of queued requests.
+_MOST_QUEUED = 256
 
 
 class IoChannel:
     """Reads inputs and writes outputs.
 
     Attributes:
-        inputs: last value read of each address; None where it cannot be read, or has not been yet.
-        written: last value that the controller has taken for each output; None where it has refused it, or not answered yet.
-        problem: what was refused last, in words.
+        inputs: last value read of each address; None where it cannot be read, or has not been read
+            yet.
+        written: last value acknowledged for each output; None where it was refused, or is not
+            answered yet.
+        problem: last refusal, for the user; empty if there was none.
     """
 
     def __init__(self, link: TcpLink, reply_timeout: float) -> None:
-        """Speak over a link; an answer is due within reply_timeout, s."""
+        """Use a link; a reply is due within reply_timeout, s."""
         self._link = link
         self._timeout = reply_timeout
         self._framer = Framer()
@@ -42,20 +49,22 @@ class IoChannel:
         self.problem = ""
 
     def read(self, address: int) -> None:
-        """Ask for an input; one that waits already is not asked for twice."""
+        """Queue a read of an input, unless one is queued already."""
         self.inputs.setdefault(address, None)
         self._queue((address, None))
 
     def write(self, address: int, value: int) -> None:
-        """Ask for an output to be set, 0 or 1."""
+        """Queue a write of an output, 0 or 1."""
         self.written[address] = None
         self._queue((address, value))
 
     def poll(self, now: float) -> None:
-        """Take what was answered, and ask for what waits.
+        """Read replies, and send the next request.
 
         Raises:
-            HardwareError: the connection has ended, garbage comes, or an answer is overdue.
+            ConnectionLostError: the connection has ended.
+            OverdueError: a reply is overdue.
+            ProtocolError: a message is not the reply to a request.
         """
         data = self._link.receive()
         if data:
@@ -63,15 +72,18 @@ class IoChannel:
                 for message in self._framer.feed(data):
                     self._take(message)
             except WireError as error:
-                raise HardwareError(
+                raise ProtocolError(
                     f"the controller sends garbage on the I/O connection ({error.name}: {error})"
                 ) from None
         if self._link.closed:
-            raise HardwareError(f"the I/O connection has ended: {self._link.closed}")
+            raise ConnectionLostError(f"the I/O connection has ended: {self._link.closed}")
         if self._asked is not None and now - self._asked[2] > self._timeout:
-            raise HardwareError(
+            waited = now - self._asked[2]
+            raise OverdueError(
                 f"the controller has not answered about input or output {self._asked[0]} for "
-                f"{now - self._asked[2]:.2f} s, at most {self._timeout:g} s"
+                f"{waited:.2f} s, at most {self._timeout:g} s",
+                waited,
+                self._timeout,
             )
         if self._asked is None and self._waiting:
             address, value = self._waiting.popleft()
@@ -85,15 +97,16 @@ class IoChannel:
             if item[1] is None:
                 return
             self._waiting.remove(item)  # the order of writes counts
-        if len(self._waiting) >= _MOST:
+        if len(self._waiting) >= _MOST_QUEUED:
             raise HardwareError(
-                f"{_MOST} inputs and outputs wait for the controller's answers; ask for fewer"
+                f"{_MOST_QUEUED} inputs and outputs wait for the controller's answers; ask for "
+                "fewer"
             )
         self._waiting.append(item)
 
     def _take(self, message: Message) -> None:
         if self._asked is None:
-            raise WireError("type", f"a message of type {message.type} that nobody asked for")
+            raise WireError("type", f"a message of type {message.type} without a request")
         address, value, _ = self._asked
         self._asked = None
         if message.type == MessageType.IO_CTRL_REPLY:

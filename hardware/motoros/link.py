@@ -1,4 +1,6 @@
-"""One TCP connection that never blocks: bytes out are queued, bytes in are taken as they come."""
+"""A TCP connection that never blocks: bytes to send are queued, received bytes are returned as they
+come.
+"""
 
 import errno
 import select
@@ -6,12 +8,14 @@ import socket
 import time
 from contextlib import suppress
 
-from unwrinkle.models.errors import HardwareError
+from unwrinkle.models.errors import ConnectionLostError
 
-#: Most bytes that wait for a peer who does not read, before the link is given up.
-MOST_WAITING = 1 << 20
+#: Send-buffer limit, bytes; the connection is closed beyond it.
+SEND_LIMIT_BYTES = 1 << 20
+#: Bytes that one call receives at most.
 _CHUNK = 1 << 16
-_LATER = (errno.EAGAIN, errno.EWOULDBLOCK, errno.EINTR)
+#: Errors of a socket that is not ready.
+_NOT_READY = (errno.EAGAIN, errno.EWOULDBLOCK, errno.EINTR)
 
 
 class TcpLink:
@@ -19,13 +23,13 @@ class TcpLink:
 
     Attributes:
         name: of the peer, for messages.
-        sent: bytes that the system has taken.
-        received: bytes that have come.
-        closed: why nothing more will come; empty while open.
+        sent: bytes handed to the operating system.
+        received: bytes received.
+        closed: why the connection has ended; empty while it is open.
     """
 
     def __init__(self, connection: socket.socket, name: str) -> None:
-        """Take over a connected socket."""
+        """Use a connected socket, which the link closes."""
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -42,11 +46,11 @@ class TcpLink:
 
         Args:
             host, port: of the server.
-            deadline: s to wait at most.
+            deadline: longest wait, s.
             name: of the peer, for messages.
 
         Raises:
-            HardwareError: nobody answers; the message names host and port.
+            ConnectionLostError: the server does not answer; the message names host and port.
         """
         try:
             connection = socket.create_connection((host, port), timeout=deadline)
@@ -54,65 +58,65 @@ class TcpLink:
             reason = (
                 "no answer" if isinstance(error, TimeoutError) else (error.strerror or str(error))
             )
-            raise HardwareError(
-                f"{name}: cannot connect to {host}:{port} within {deadline:g} s: {reason}; is it on, "
-                "and are address and port right?"
+            raise ConnectionLostError(
+                f"{name}: cannot connect to {host}:{port} within {deadline:g} s: {reason}; is it "
+                "on, and are address and port right?"
             ) from None
         return cls(connection, name)
 
     @property
     def waiting(self) -> int:
-        """Bytes that the peer's window has no room for yet."""
+        """Bytes that the peer has no room for yet."""
         return len(self._waiting)
 
     def fileno(self) -> int:
-        """For `select`."""
+        """Return the file descriptor, for `select`."""
         return self._socket.fileno()
 
     def send(self, data: bytes) -> None:
-        """Queue bytes and send what can be sent; a peer who never reads closes the link."""
+        """Queue bytes and send as many as possible; a peer that never reads closes the link."""
         if self.closed:
             return
         self._waiting += data
         self.flush()
-        if len(self._waiting) > MOST_WAITING:
-            self.close(f"{self.name} does not read: {len(self._waiting)} bytes wait")
+        if len(self._waiting) > SEND_LIMIT_BYTES:
+            self.close(f"does not read: {len(self._waiting)} bytes wait")
 
     def flush(self) -> None:
-        """Send what waits, as far as the peer takes it."""
+        """Send as many queued bytes as possible."""
         while self._waiting and not self.closed:
             try:
                 count = self._socket.send(self._waiting)
             except OSError as error:
-                if error.errno not in _LATER:
-                    self.close(f"{self.name}: {error.strerror or error}")
+                if error.errno not in _NOT_READY:
+                    self.close(error.strerror or str(error))
                 return
             self.sent += count
             del self._waiting[:count]
 
     def receive(self, most: int = _CHUNK) -> bytes:
-        """What has come, at most so many bytes; empty if nothing."""
+        """Return at most `most` received bytes; empty if there are none."""
         if self.closed:
             return b""
         try:
             data = self._socket.recv(most)
         except OSError as error:
-            if error.errno not in _LATER:
-                self.close(f"{self.name}: {error.strerror or error}")
+            if error.errno not in _NOT_READY:
+                self.close(error.strerror or str(error))
             return b""
         if not data:
-            self.close(f"{self.name} has closed the connection")
+            self.close("closed by the peer")
         self.received += len(data)
         return data
 
     def wait(self, deadline: float) -> bool:
-        """Wait until something can be read, at most so long (s); whether it can."""
+        """Wait at most `deadline`, s, until something can be read; return whether it can."""
         if self.closed:
             return False
         return bool(select.select([self], [], [], max(deadline, 0.0))[0])
 
     def drain(self, deadline: float) -> bool:
-        """Send all that waits, for at most so long (s); whether all is sent."""
+        """Send all queued bytes within `deadline`, s; return whether all are sent."""
         end = time.monotonic() + deadline
         while self._waiting and not self.closed:
             left = end - time.monotonic()
@@ -123,7 +127,7 @@ class TcpLink:
         return not self._waiting and not self.closed
 
     def close(self, reason: str = "closed by this side") -> None:
-        """Close; a second time changes nothing."""
+        """Close; a second call changes nothing."""
         if self.closed:
             return
         self.closed = reason

@@ -1,4 +1,4 @@
-"""Messages whose bodies are integers alone: the robot's status, inputs and outputs."""
+"""Messages whose bodies consist of integers: the robot's status, inputs and outputs."""
 
 import struct
 from dataclasses import astuple, dataclass, fields
@@ -10,20 +10,24 @@ from unwrinkle.hardware.motoros.frames import Message, body_of, pack
 
 @dataclass(frozen=True)
 class _Numbers:
-    """A body of integers alone, in the order of its fields."""
+    """A body of integers, in the order of its fields."""
 
     kind: ClassVar[int]
     comm: ClassVar[int]
 
     def to_message(self, comm: int | None = None, reply: int = ReplyCode.INVALID) -> Message:
-        """The message; `comm` is the type's usual one if left out."""
+        """Return the message; `comm` None is the type's usual kind of communication."""
         values = astuple(self)
         body = pack(f"<{len(values)}i", values)
         return Message(self.kind, self.comm if comm is None else comm, reply, body)
 
     @classmethod
     def of(cls, message: Message) -> Self:
-        """Read a message; raises WireError for one of another type or length."""
+        """Decode a message.
+
+        Raises:
+            WireError: another type or length.
+        """
         return cls(*struct.unpack(f"<{len(fields(cls))}i", body_of(message, cls.kind)))
 
 
@@ -55,7 +59,7 @@ class ReadIo(_Numbers):
 
 @dataclass(frozen=True)
 class ReadIoReply(_Numbers):
-    """What was read; the result is an `IoResult`."""
+    """Value that was read; the result is an `IoResult`."""
 
     kind: ClassVar[int] = MessageType.READ_IO_BIT_REPLY
     comm: ClassVar[int] = CommType.REPLY
@@ -77,7 +81,7 @@ class WriteIo(_Numbers):
 
 @dataclass(frozen=True)
 class WriteIoReply(_Numbers):
-    """Whether it was written, an `IoResult`."""
+    """Result of a write, an `IoResult`."""
 
     kind: ClassVar[int] = MessageType.WRITE_IO_BIT_REPLY
     comm: ClassVar[int] = CommType.REPLY
@@ -87,7 +91,7 @@ class WriteIoReply(_Numbers):
 
 @dataclass(frozen=True)
 class ReadIoGroup(_Numbers):
-    """Read eight inputs or outputs; the address is the group's, a bit's over 10."""
+    """Read eight inputs or outputs; the address is that of the bits divided by 10."""
 
     kind: ClassVar[int] = MessageType.READ_IO_GROUP
     comm: ClassVar[int] = CommType.REQUEST
@@ -97,7 +101,7 @@ class ReadIoGroup(_Numbers):
 
 @dataclass(frozen=True)
 class ReadIoGroupReply(_Numbers):
-    """Eight bits, and an `IoResult`."""
+    """Value of eight bits, and an `IoResult`."""
 
     kind: ClassVar[int] = MessageType.READ_IO_GROUP_REPLY
     comm: ClassVar[int] = CommType.REPLY
@@ -119,7 +123,7 @@ class WriteIoGroup(_Numbers):
 
 @dataclass(frozen=True)
 class WriteIoGroupReply(_Numbers):
-    """Whether they were written, an `IoResult`."""
+    """Result of a group write, an `IoResult`."""
 
     kind: ClassVar[int] = MessageType.WRITE_IO_GROUP_REPLY
     comm: ClassVar[int] = CommType.REPLY
@@ -129,7 +133,7 @@ class WriteIoGroupReply(_Numbers):
 
 @dataclass(frozen=True)
 class IoReply(_Numbers):
-    """Answer to a message that the input and output server cannot use."""
+    """Reply to a message that the I/O server does not accept."""
 
     kind: ClassVar[int] = MessageType.IO_CTRL_REPLY
     comm: ClassVar[int] = CommType.REPLY

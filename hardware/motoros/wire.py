@@ -1,9 +1,9 @@
-"""The robot controller's messages, byte for byte: ROS-Industrial simple_message with Motoman's own.
+"""The robot controller's messages: ROS-Industrial simple_message with Motoman's extensions.
 
-A message is its length (of what follows), type, kind of communication and reply code, each a
-little-endian int32, then its body of int32 and float32. Joints always fill ten slots; rad, rad/s, s.
-Numbers that are read are those on the wire, not finite ones too; numbers that are not finite are
-never sent. Everything of the wire can be imported from here.
+A message consists of its length (of what follows), type, kind of communication and reply code, each
+a little-endian int32, and a body of int32 and float32. Joints always fill ten slots; rad, rad/s, s.
+Decoded numbers may be not finite; encoding refuses those. Every name of the protocol can be
+imported from here.
 """
 
 import struct
@@ -74,9 +74,9 @@ __all__ = [
     "ping",
 ]
 
-#: Joints of a group in a message; those that the group lacks are 0.
+#: Joint slots of a group in a message; slots without a joint are 0.
 SLOTS = 10
-#: Groups in a MultiFeedback, whether there are so many or not.
+#: Group slots of a MultiFeedback, whether used or not.
 FEEDBACK_SLOTS = 4
 #: Values of the joints of one group, (10,).
 Joints: TypeAlias = tuple[float, ...]
@@ -88,7 +88,7 @@ _BLOCK_SIZE = 132
 
 
 def _slots(values: Sequence[float] | None) -> Joints | None:
-    """Ten numbers, zeros for the joints that are missing."""
+    """Return ten numbers, 0 for the joints that are missing."""
     if values is None:
         return None
     if len(values) > SLOTS:
@@ -97,7 +97,7 @@ def _slots(values: Sequence[float] | None) -> Joints | None:
 
 
 def _fields(time: float | None, *joints: Joints | None) -> tuple[int, tuple[float, ...]]:
-    """Bits of the fields that are given, and all their numbers."""
+    """Return the bits of the fields that are given, and the numbers of all fields."""
     valid = sum(1 << bit for bit, value in enumerate((time, *joints)) if value is not None)
     numbers: tuple[float, ...] = (0.0 if time is None else time,)
     for values in joints:
@@ -108,7 +108,7 @@ def _fields(time: float | None, *joints: Joints | None) -> tuple[int, tuple[floa
 def _read_fields(
     valid: int, numbers: tuple[float, ...]
 ) -> tuple[float | None, Joints | None, Joints | None, Joints | None]:
-    """Time, positions, velocities and accelerations, None where the bit is not set."""
+    """Return time, positions, velocities and accelerations; None where the bit is not set."""
     if not 0 <= valid <= 15:
         raise WireError("valid", f"the bits {valid} of valid fields; 0 to 15 have a meaning")
     return (
@@ -121,7 +121,7 @@ def _read_fields(
 
 @dataclass(frozen=True)
 class _Joints:
-    """Joints of one group; a field that the sender does not give is None.
+    """Joint values of one group; a field that is not given is None.
 
     Attributes:
         group: number of the control group.
@@ -136,7 +136,7 @@ class _Joints:
     accelerations: Joints | None = None
 
     def __post_init__(self) -> None:
-        """Fill up to ten joints."""
+        """Fill up to ten joint slots."""
         for name in ("positions", "velocities", "accelerations"):
             object.__setattr__(self, name, _slots(getattr(self, name)))
 
@@ -146,39 +146,43 @@ class _Joints:
         return _fields(self.time, self.positions, self.velocities, self.accelerations)[0]
 
     def block(self) -> bytes:
-        """The group's 132 bytes."""
+        """Return the group's 132 bytes."""
         valid, numbers = _fields(self.time, self.positions, self.velocities, self.accelerations)
         return pack("<" + _BLOCK, (self.group, valid), numbers)
 
     @classmethod
     def of_block(cls, block: bytes) -> Self:
-        """Read a group's 132 bytes."""
+        """Decode a group's 132 bytes."""
         group, valid, *numbers = struct.unpack("<" + _BLOCK, block)
         return cls(group, *_read_fields(valid, tuple(numbers)))
 
 
 @dataclass(frozen=True)
 class GroupPoint(_Joints):
-    """A trajectory point of one group, time from the trajectory's begin."""
+    """Trajectory point of one group; its time counts from the trajectory's begin."""
 
 
 @dataclass(frozen=True)
 class FeedbackBody(_Joints):
-    """Where one group is; the time is the controller's own."""
+    """Measured joints of one group; the time is the controller's clock."""
 
     def to_message(self, comm: int = CommType.TOPIC, reply: int = ReplyCode.INVALID) -> Message:
-        """The message."""
+        """Return the message."""
         return Message(MessageType.JOINT_FEEDBACK, comm, reply, self.block())
 
     @classmethod
     def of(cls, message: Message) -> Self:
-        """Read a message; raises WireError for one of another type, length or with unknown fields."""
+        """Decode a message.
+
+        Raises:
+            WireError: another type or length, or unknown fields.
+        """
         return cls.of_block(body_of(message, MessageType.JOINT_FEEDBACK))
 
 
 @dataclass(frozen=True)
 class TrajectoryPoint:
-    """A trajectory point of one group in a message of its own.
+    """Trajectory point of one group in a message of its own.
 
     Attributes:
         group: number of the control group.
@@ -195,13 +199,13 @@ class TrajectoryPoint:
     accelerations: Joints | None = None
 
     def __post_init__(self) -> None:
-        """Fill up to ten joints."""
+        """Fill up to ten joint slots."""
         for name in ("positions", "velocities", "accelerations"):
             object.__setattr__(self, name, _slots(getattr(self, name)))
 
     @property
     def point(self) -> GroupPoint:
-        """The point without its sequence number."""
+        """The group's point without its sequence number."""
         return GroupPoint(
             self.group, self.time, self.positions, self.velocities, self.accelerations
         )
@@ -212,14 +216,18 @@ class TrajectoryPoint:
         return self.point.valid
 
     def to_message(self, comm: int = CommType.REQUEST, reply: int = ReplyCode.INVALID) -> Message:
-        """The message."""
+        """Return the message."""
         block = self.point.block()
         body = block[:4] + pack("<i", (self.sequence,)) + block[4:]
         return Message(MessageType.JOINT_TRAJ_PT_FULL, comm, reply, body)
 
     @classmethod
     def of(cls, message: Message) -> Self:
-        """Read a message; raises WireError for one of another type, length or with unknown fields."""
+        """Decode a message.
+
+        Raises:
+            WireError: another type or length, or unknown fields.
+        """
         body = body_of(message, MessageType.JOINT_TRAJ_PT_FULL)
         group, sequence, valid, *numbers = struct.unpack("<3i31f", body)
         return cls(group, sequence, *_read_fields(valid, tuple(numbers)))
@@ -227,7 +235,7 @@ class TrajectoryPoint:
 
 @dataclass(frozen=True)
 class MultiPoint:
-    """A trajectory point of several groups in one message.
+    """Trajectory point of several groups in one message.
 
     Attributes:
         sequence: 0 for a trajectory's first point, then 1, 2, ...
@@ -244,7 +252,7 @@ class MultiPoint:
         *,
         four_slots: bool = False,
     ) -> Message:
-        """The message; with `four_slots` it has room for four groups, whether used or not."""
+        """Return the message; with `four_slots` its body always has four group slots."""
         body = _count(len(self.groups)) + pack("<i", (self.sequence,))
         body += b"".join(group.block() for group in self.groups)
         if four_slots:
@@ -253,7 +261,11 @@ class MultiPoint:
 
     @classmethod
     def of(cls, message: Message) -> Self:
-        """Read a message; raises WireError for one of another type, length or number of groups."""
+        """Decode a message.
+
+        Raises:
+            WireError: another type or length, or an impossible number of groups.
+        """
         body = body_of(message, MessageType.JOINT_TRAJ_PT_FULL_EX)
         count, sequence = struct.unpack_from("<2i", body)
         if len(body) not in (8 + _BLOCK_SIZE * count, 8 + _BLOCK_SIZE * FEEDBACK_SLOTS):
@@ -263,19 +275,23 @@ class MultiPoint:
 
 @dataclass(frozen=True)
 class MultiFeedback:
-    """Where all groups are; on the wire always four slots, the rest zero."""
+    """Measured joints of all groups; four slots on the wire, unused ones are 0."""
 
     groups: tuple[FeedbackBody, ...]
 
     def to_message(self, comm: int = CommType.TOPIC, reply: int = ReplyCode.INVALID) -> Message:
-        """The message."""
+        """Return the message."""
         body = _count(len(self.groups)) + b"".join(group.block() for group in self.groups)
         body = body.ljust(4 + FEEDBACK_SLOTS * _BLOCK_SIZE, b"\0")
         return Message(MessageType.JOINT_FEEDBACK_EX, comm, reply, body)
 
     @classmethod
     def of(cls, message: Message) -> Self:
-        """Read a message; raises WireError for one of another type, length or number of groups."""
+        """Decode a message.
+
+        Raises:
+            WireError: another type or length, or an impossible number of groups.
+        """
         body = body_of(message, MessageType.JOINT_FEEDBACK_EX)
         (count,) = struct.unpack_from("<i", body)
         return cls(tuple(map(FeedbackBody.of_block, _blocks(body, 4, count))))
@@ -296,7 +312,7 @@ def _blocks(body: bytes, start: int, count: int) -> list[bytes]:
 
 @dataclass(frozen=True)
 class MotionControl:
-    """A command about motion.
+    """Command to the motion server.
 
     Attributes:
         group: number of the control group, -1 for all.
@@ -315,13 +331,17 @@ class MotionControl:
         object.__setattr__(self, "data", _slots(self.data))
 
     def to_message(self, comm: int = CommType.REQUEST, reply: int = ReplyCode.INVALID) -> Message:
-        """The message."""
+        """Return the message."""
         body = pack("<3i10f", (self.group, self.sequence, self.command), self.data)
         return Message(MessageType.MOTION_CTRL, comm, reply, body)
 
     @classmethod
     def of(cls, message: Message) -> Self:
-        """Read a message; raises WireError for one of another type or length."""
+        """Decode a message.
+
+        Raises:
+            WireError: another type or length.
+        """
         body = body_of(message, MessageType.MOTION_CTRL)
         group, sequence, command, *data = struct.unpack("<3i10f", body)
         return cls(group, sequence, command, tuple(data))
@@ -329,11 +349,11 @@ class MotionControl:
 
 @dataclass(frozen=True)
 class MotionReply:
-    """The answer to a command or a trajectory point; `describe` puts it in words.
+    """Reply to a command or a trajectory point; see `describe`.
 
     Attributes:
-        group, sequence: of what is answered; -1 where that is of an unknown type.
-        command: the `Command` that is answered, or the `MessageType` of the point.
+        group, sequence: of the request; -1 for a request of an unknown type.
+        command: the `Command` of the request, or the `MessageType` of the point.
         result: a `Result`.
         subcode: a `Subcode`, or a count.
         data: (10,) numbers that go with it.
@@ -351,13 +371,17 @@ class MotionReply:
         object.__setattr__(self, "data", _slots(self.data))
 
     def to_message(self, comm: int = CommType.REPLY, reply: int = ReplyCode.SUCCESS) -> Message:
-        """The message."""
+        """Return the message."""
         integers = (self.group, self.sequence, self.command, self.result, self.subcode)
         return Message(MessageType.MOTION_REPLY, comm, reply, pack("<5i10f", integers, self.data))
 
     @classmethod
     def of(cls, message: Message) -> Self:
-        """Read a message; raises WireError for one of another type or length."""
+        """Decode a message.
+
+        Raises:
+            WireError: another type or length.
+        """
         body = body_of(message, MessageType.MOTION_REPLY)
         group, sequence, command, result, subcode, *data = struct.unpack("<5i10f", body)
         return cls(group, sequence, command, result, subcode, tuple(data))

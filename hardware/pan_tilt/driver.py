@@ -1,9 +1,12 @@
-"""A pan-tilt unit (PTU-D46) on a serial port: whole steps, its own limits, and when it is still."""
+"""Driver of a pan-tilt unit (PTU-D46) on a serial port: whole steps, the unit's own limits, and
+when it is at rest.
+"""
 
 import logging
 import re
 from collections import deque
 from dataclasses import dataclass
+from enum import StrEnum
 from math import inf, isfinite, pi
 
 from unwrinkle.hardware.pan_tilt.serial_port import SerialPort
@@ -13,30 +16,43 @@ from unwrinkle.models.site import PanTiltSite
 
 _log = logging.getLogger(__name__)
 
-#: States of a unit's driver.
-#: starting: it is being asked for its resolution and limits. ready: it rests. moving. settling: it has arrived, and its mount
-#: swings. fault: latched; nothing more is sent before a restart.
-STARTING, READY, MOVING, SETTLING, FAULT = "starting", "ready", "moving", "settling", "fault"
 
-#: Radians of one second of arc.
+class PanTiltState(StrEnum):
+    """States of a unit's driver."""
+
+    STARTING = "starting"  # the resolution and limits are being read
+    READY = "ready"  # at rest
+    MOVING = "moving"
+    SETTLING = "settling"  # arrived, but the mount may still swing
+    FAULT = "fault"  # latched; nothing is sent before a restart
+
+
+STARTING, READY, MOVING, SETTLING, FAULT = PanTiltState
+
+#: One second of arc, rad.
 ARC_SECOND = pi / (180.0 * 3600.0)
 
+#: Limit of attempts per request.
 _ATTEMPTS = 3
-#: After an answer that cannot be, or none, the line has to be quiet for so long before the question is asked again, s.
-_QUIET = 0.05
-#: A line that is never quiet is given up after so many bytes.
+#: Silence of the line before a request is repeated after an invalid reply or none, s.
+_QUIET_S = 0.05
+#: Limit of bytes on a line that does not become silent.
 _MOST_NOISE = 1 << 12
-#: A resting unit is asked so often where it stands, s.
-_HEARTBEAT = 1.0
-#: Resolutions differ if they do by more than this share.
-_SAME = 1e-3
+#: Between two reads of the position at rest, s.
+_HEARTBEAT_S = 1.0
+#: Largest relative difference of the unit's resolution and the calibration's.
+_RESOLUTION_TOLERANCE = 1e-3
+#: Longest line that is stored, characters.
 _MOST_LINE = 256
 
+#: Letters of the axes in commands.
 _AXES = ("P", "T")
+#: Names of the axes for messages.
 _NAMES = {"P": "pan", "T": "tilt"}
 _NUMBER = re.compile(r"[+-]?\d+(\.\d+)?")
 _LIMIT_HIT = re.compile(r"!([PT])(?![A-Za-z])")
-# Terse answers, no echo, positions are controlled, commands act at once; then what the unit knows of itself.
+# Requests at the start: terse replies, no echo, position control, immediate execution; then
+# resolutions and limits.
 _SETUP = ("FT", "ED", "CI", "I")
 _FACTS = ("PR", "TR", "PN", "PX", "TN", "TX")
 _WHOLE = re.compile(r"[+-]?\d+")
@@ -51,17 +67,17 @@ _REFUSALS = tuple(_MEANINGS)
 
 @dataclass(frozen=True)
 class PanTiltStatus:
-    """What is known of a unit.
+    """State of a unit.
 
     Attributes:
-        state: starting, ready, moving, settling or fault.
+        state: see `PanTiltState`.
         number: of the last command accepted or refused.
-        still: whether it rests, and its mount has come to rest.
+        still: whether the unit and its mount are at rest, and no command waits.
         pan, tilt: as the unit reports them, rad; 0 before the first report.
-        reason: why the last command was refused, or it is in fault; else empty.
+        reason: why the last command was refused, or a fault is latched; else empty.
     """
 
-    state: str = STARTING
+    state: PanTiltState = STARTING
     number: int = 0
     still: bool = False
     pan: float = 0.0
@@ -70,23 +86,23 @@ class PanTiltStatus:
 
 
 class PanTiltDriver:
-    """One unit, polled; one question is on the line at a time.
+    """Drives one unit by `poll`, with one request on the line at a time.
 
-    A question without a proper answer is asked three times; commands name absolute positions, so
-    that asking again does no harm. The unit is never reset by itself, since that moves it to its
+    A request without a valid reply is sent three times; commands name absolute positions, so
+    repeating one is harmless. The driver never resets the unit, since a reset moves it to its
     stops.
     """
 
     def __init__(
         self, port: SerialPort, site: PanTiltSite, expected_step: float | None, name: str
     ) -> None:
-        """Begin with the first `poll`.
+        """Prepare; the first `poll` begins.
 
         Args:
-            port: the unit's line.
+            port: of the unit.
             site: times.
-            expected_step: angle of a position that the head's calibration was made with, rad; None
-                takes what the unit says.
+            expected_step: angle of a position in the head's calibration, rad; None accepts what the
+                unit reports.
             name: of the unit, for messages, as "left pan-tilt unit (/dev/ttyUSB0)".
         """
         self.name = name
@@ -99,7 +115,7 @@ class PanTiltDriver:
     def _begin(self) -> None:
         self._state = STARTING
         self._facts: dict[str, float] = {}
-        self._questions = deque([*_SETUP, *_FACTS])
+        self._requests = deque([*_SETUP, *_FACTS])
         self._asked, self._asked_at, self._attempts = "", 0.0, 0
         self._quiet_until: float | None = -inf
         self._noise = 0
@@ -114,7 +130,7 @@ class PanTiltDriver:
 
     @property
     def status(self) -> PanTiltStatus:
-        """What is known as of the last poll."""
+        """State as of the last poll."""
         pan, tilt = (
             0.0 if position is None else position * self._step(axis)
             for axis, position in zip(_AXES, self._position, strict=True)
@@ -124,12 +140,12 @@ class PanTiltDriver:
 
     @property
     def steps(self) -> tuple[float, float]:
-        """Angle of one position of pan and tilt, rad; 0 before the unit has said it."""
+        """Angle of one position of pan and tilt, rad; 0 before the unit has reported it."""
         return self._step("P"), self._step("T")
 
     @property
     def limits(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Lower and upper limit of pan and tilt, rad; 0 before the unit has said them."""
+        """Lower and upper limit of pan and tilt, rad; 0 before the unit has reported them."""
         pan, tilt = (
             (
                 self._facts.get(a + "N", 0) * self._step(a),
@@ -140,11 +156,14 @@ class PanTiltDriver:
         return pan, tilt
 
     def goto(self, number: int, pan: float, tilt: float) -> None:
-        """Go to angles, rad, in whole steps; the result is in `status`.
+        """Go to angles, rad, in whole steps; `status` reports the result.
 
-        Beyond the limits, or in fault, the command is refused and nothing is sent; a motion under
-        way goes on. A command whose number is not above the last one's is no new one. While the
-        unit is starting, the command waits for its limits.
+        Beyond the limits, or in a fault, the command is refused and nothing is sent; a motion under
+        way goes on. While the unit is starting, the command waits for its limits.
+
+        Args:
+            number: counts up; one that is not above the last command's changes nothing.
+            pan, tilt: rad.
         """
         if number <= self._number:
             return
@@ -159,7 +178,7 @@ class PanTiltDriver:
             self._accept(pan, tilt)
 
     def restart(self) -> None:
-        """Leave a fault: ask the unit anew for what it is, moving nothing."""
+        """Leave a fault: read the unit's resolution and limits again; nothing moves."""
         self._begin()
         self._reason = ""
 
@@ -168,10 +187,10 @@ class PanTiltDriver:
         self._port.close()
 
     def poll(self, now: float) -> None:
-        """Read what came, decide, and write; never waits.
+        """Read, decide and write without waiting.
 
         Args:
-            now: on any clock, s.
+            now: of any clock, s.
         """
         now = self._now = self._clock.at(now)
         if self._state == FAULT:
@@ -179,9 +198,9 @@ class PanTiltDriver:
         try:
             data = self._port.read()
             if self._quiet_until is not None:
-                self._hush(data, self._quiet_until)
+                self._await_silence(data, self._quiet_until)
             else:
-                self._hear(data)
+                self._receive(data)
                 if self._asked and now - self._asked_at > self._site.reply_timeout:
                     self._again("no answer")
             self._progress()
@@ -189,18 +208,16 @@ class PanTiltDriver:
         except HardwareError as error:
             self._fail(str(error))
 
-    # The line.
-
-    def _hush(self, data: bytes, until: float) -> None:
+    def _await_silence(self, data: bytes, until: float) -> None:
         self._noise += len(data)
         if self._noise > _MOST_NOISE:
             self._fail(f"its line is never quiet: {self._noise} bytes came unasked")
         elif data or until == -inf:
-            self._quiet_until = self._now + _QUIET
+            self._quiet_until = self._now + _QUIET_S
         elif self._now >= until:
             self._quiet_until, self._noise = None, 0
 
-    def _hear(self, data: bytes) -> None:
+    def _receive(self, data: bytes) -> None:
         for byte in data:
             if byte in b"\r\n":
                 line = self._line.decode("ascii", "replace").strip()
@@ -213,13 +230,13 @@ class PanTiltDriver:
                 self._line.append(byte)
 
     def _take(self, line: str) -> None:
-        """One line: an answer behind whatever echo or noise there is before it."""
+        """Process one line: a reply, with an echo or noise before it."""
         for axis in _LIMIT_HIT.findall(line):
             self._limit_hit(axis)
         line = _LIMIT_HIT.sub("", line)
         marks = [place for mark in "*!" if (place := line.find(mark)) >= 0]
         if not marks or not self._asked or self._state == FAULT:
-            return  # an echo, noise, or an answer to nothing
+            return  # an echo, noise, or a reply without a request
         mark, text = line[min(marks)], line[min(marks) + 1 :].strip()
         if mark == "!":
             self._refused(text)
@@ -237,28 +254,28 @@ class PanTiltDriver:
     def _ask(self) -> None:
         if self._asked or self._state == FAULT or self._quiet_until is not None:
             return
-        if self._questions:
-            self._asked = self._questions.popleft()
+        if self._requests:
+            self._asked = self._requests.popleft()
             self._asked_at = self._now
-            self._line.clear()  # what came before the question does not answer it
+            self._line.clear()  # bytes before the request are not its reply
             self._port.write(self._asked.encode("ascii") + b"\r")
 
     def _again(self, why: str) -> None:
-        """Ask the same once more, when the line is quiet: a late answer must not pass for the next one's."""
+        """Repeat the request once the line is silent: a late reply must not be taken for the next
+        one.
+        """
         question, self._asked = self._asked, ""
         self._attempts += 1
         if self._attempts >= _ATTEMPTS:
             self._fail(
-                f"{why} to {question} in {_ATTEMPTS} attempts of {self._site.reply_timeout:g} s; is it "
-                f"switched on, is its cable in, and does it run at {self._site.baud} baud?"
+                f"{why} to {question} in {_ATTEMPTS} attempts of {self._site.reply_timeout:g} s; "
+                f"is it switched on, is its cable in, and does it run at {self._site.baud} baud?"
             )
             return
         _log.debug("%s: %s to %s; asking again", self.name, why, question)
-        self._questions.appendleft(question)
+        self._requests.appendleft(question)
         self._line.clear()
-        self._quiet_until = self._now + _QUIET
-
-    # What is heard.
+        self._quiet_until = self._now + _QUIET_S
 
     def _answered(self, value: float) -> None:
         question, self._asked, self._attempts = self._asked, "", 0
@@ -275,15 +292,18 @@ class PanTiltDriver:
             step, lower, upper = self._step(axis), self._facts[axis + "N"], self._facts[axis + "X"]
             if not step > 0.0 or not lower <= upper:
                 self._fail(
-                    f"it reports a resolution of {step:g} rad and {_NAMES[axis]} limits {lower:g} to "
-                    f"{upper:g}, which cannot be"
+                    f"it reports a resolution of {step:g} rad and {_NAMES[axis]} limits {lower:g} "
+                    f"to {upper:g}, which cannot be"
                 )
                 return
-            if self._expected is not None and abs(step / self._expected - 1.0) > _SAME:
+            if (
+                self._expected is not None
+                and abs(step / self._expected - 1.0) > _RESOLUTION_TOLERANCE
+            ):
                 self._fail(
-                    f"its {_NAMES[axis]} resolution is {step / ARC_SECOND:.4f} seconds of arc per position, "
-                    f"the head's file expects {self._expected / ARC_SECOND:.4f}; set the unit's step mode "
-                    "(WP, WT), or calibrate the head anew"
+                    f"its {_NAMES[axis]} resolution is {step / ARC_SECOND:.4f} seconds of arc per "
+                    f"position, the head's file expects {self._expected / ARC_SECOND:.4f}; set the "
+                    "unit's step mode (WP, WT), or calibrate the head anew"
                 )
                 return
 
@@ -291,27 +311,29 @@ class PanTiltDriver:
         question, self._asked = self._asked, ""
         motion = question[:2] in ("PP", "TP") and len(question) > 2
         if not motion or not text.lower().startswith(_REFUSALS):
-            # A disturbed line makes an illegal command of a good one, or a refusal of noise.
+            # On a disturbed line a valid command may arrive as an illegal one, and noise may look
+            # like a refusal.
             self._asked = question
             self._again(f"the refusal '{text[:60]}'")
             return
         self._attempts = 0
-        self._questions.clear()
+        self._requests.clear()
         self._goal = None
-        self._reason = f"{self.name} refuses {_NAMES[question[0]]} position {question[2:]}: {_in_plain_words(text)}"
+        self._reason = (
+            f"{self.name} refuses {_NAMES[question[0]]} position {question[2:]}: "
+            f"{_in_plain_words(text)}"
+        )
 
     def _limit_hit(self, axis: str) -> None:
         if self._state == STARTING:
-            return  # left over from a reset
+            return  # from an earlier reset
         self._fail(
-            f"its {_NAMES[axis]} axis has hit its stop and has lost count of its position; clear its way, "
-            "reset it by hand (command R, which moves it), then restart it"
+            f"its {_NAMES[axis]} axis has hit its stop and has lost count of its position; clear "
+            "its way, reset it by hand (command R, which moves it), then restart it"
         )
 
-    # What to do.
-
     def _progress(self) -> None:
-        if self._state == FAULT or self._asked or self._questions:
+        if self._state == FAULT or self._asked or self._requests:
             return
         read = self._read
         if read[0] is not None and read[1] is not None:
@@ -321,12 +343,12 @@ class PanTiltDriver:
             return
         if self._state == SETTLING and self._now - self._since >= self._site.settle:
             self._state = READY
-            self._next_look = self._now + _HEARTBEAT
+            self._next_look = self._now + _HEARTBEAT_S
         if self._state != READY or self._now >= self._next_look:
-            self._questions.extend(("PP", "TP"))
+            self._requests.extend(("PP", "TP"))
 
     def _stands(self, pan: int, tilt: int) -> None:
-        """Both axes were read: where the unit stands, and whether it has come to rest."""
+        """Process the positions of both axes; detect whether the unit has come to rest."""
         same = self._position == [pan, tilt]
         self._position = [pan, tilt]
         if self._state == STARTING:
@@ -342,13 +364,15 @@ class PanTiltDriver:
                 goal = self._goal or [pan, tilt]
                 self._fail(
                     f"it has not come to rest at {goal[0]}, {goal[1]} (pan, tilt positions) within "
-                    f"{self._site.motion_timeout:g} s; it stands at {pan}, {tilt}; is its way clear?"
+                    f"{self._site.motion_timeout:g} s; it stands at {pan}, {tilt}; is its way "
+                    "clear?"
                 )
         elif not there:
-            # Something turns it, or an axis coasts: not still before it rests again.
+            # It is turned from outside, or an axis coasts: not at rest before its position is
+            # constant again.
             self._goal, self._state, self._moving_since = None, MOVING, self._now
         else:
-            self._next_look = self._now + _HEARTBEAT
+            self._next_look = self._now + _HEARTBEAT_S
 
     def _accept(self, pan: float, tilt: float) -> None:
         self._pending = None
@@ -359,9 +383,9 @@ class PanTiltDriver:
                 self._reason = reason
                 return
             wanted.append(round(angle / self._step(axis)))
-        # A question on the line is answered first; its answer is of before this motion.
+        # A request under way is answered first; its reply describes the time before this motion.
         self._read = [None, None]
-        self._questions = deque(f"{a}P{w}" for a, w in zip(_AXES, wanted, strict=True))
+        self._requests = deque(f"{a}P{w}" for a, w in zip(_AXES, wanted, strict=True))
         self._goal, self._state, self._moving_since = wanted, MOVING, self._now
 
     def _beyond(self, axis: str, angle: float) -> str:
@@ -382,7 +406,7 @@ class PanTiltDriver:
     def _fail(self, reason: str) -> None:
         self._fault = f"{self.name}: {reason}"
         self._state, self._reason = FAULT, self._fault
-        self._questions.clear()
+        self._requests.clear()
         self._asked, self._pending = "", None
         _log.warning("%s", self._reason)
 

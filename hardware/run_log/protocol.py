@@ -1,4 +1,4 @@
-"""What a driver tells a log: the interface alone, so that a driver needs no file."""
+"""Interface of a run log, so that a driver does not depend on a file."""
 
 from typing import Any, Protocol
 
@@ -8,7 +8,7 @@ from unwrinkle.hardware.controller_state import DriverStatus, JointFeedback
 
 
 class RunLogger(Protocol):
-    """Takes down what happens, in order; every method raises OSError where it cannot be written."""
+    """Records events in order."""
 
     def commanded(
         self,
@@ -19,54 +19,54 @@ class RunLogger(Protocol):
         positions: ArrayLike,
         velocities: ArrayLike,
     ) -> None:
-        """A point that was sent to the controller.
+        """Record a point that was sent to the controller.
 
         Args:
             now: the driver's clock, s.
-            number: of the command whose trajectory it belongs to.
+            number: of the command whose trajectory the point belongs to.
             sequence: of the point in the trajectory.
             time: of the point on the controller's trajectory clock, s.
             positions: (13,) rad.
             velocities: (13,) rad/s.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: the log cannot be written.
         """
         ...
 
     def measured(self, now: float, feedback: JointFeedback) -> None:
-        """A whole set of joint feedback.
+        """Record a complete set of joint feedback.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: the log cannot be written.
         """
         ...
 
     def status(self, now: float, status: DriverStatus) -> None:
-        """The driver's status, where it has changed.
+        """Record the driver's status after a change.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: the log cannot be written.
         """
         ...
 
     def event(self, now: float, kind: str, text: str, **data: Any) -> None:
-        """Something that happened once.
+        """Record a single event.
 
         Args:
             now: the driver's clock, s.
             kind: one word: connect, run, hold, resume, stop, fault, gripper, ...
             text: a sentence for the user.
-            data: plain values that belong to it.
+            data: plain values of the event.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: the log cannot be written.
         """
         ...
 
 
 class NoLog:
-    """Takes nothing down."""
+    """Records nothing."""
 
     def commanded(
         self,
@@ -77,13 +77,13 @@ class NoLog:
         positions: ArrayLike,
         velocities: ArrayLike,
     ) -> None:
-        """Forget it."""
+        """Do nothing."""
 
     def measured(self, now: float, feedback: JointFeedback) -> None:
-        """Forget it."""
+        """Do nothing."""
 
     def status(self, now: float, status: DriverStatus) -> None:
-        """Forget it."""
+        """Do nothing."""
 
     def event(self, now: float, kind: str, text: str, **data: Any) -> None:
-        """Forget it."""
+        """Do nothing."""

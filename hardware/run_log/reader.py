@@ -1,4 +1,4 @@
-"""Reading a run log, also of a run that was killed: its last line may be cut."""
+"""Reading of a run log; the last line may be cut, as a killed run leaves it."""
 
 import json
 import math
@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from unwrinkle.hardware.run_log.writer import FORMAT, VERSION
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
+from unwrinkle.planning.trajectory import AXES
 
-_AXES = 13
-#: A line longer than this is no record.
-_LONGEST = 1 << 20
+#: Longest line of a record, bytes.
+_LONGEST_LINE = 1 << 20
 
 
 @dataclass(frozen=True)
 class LogEvent:
-    """Something that happened once: time on the host's clock (s), one word, a sentence, plain values."""
+    """A single event: time on the host's clock, s, one word, a sentence, plain values."""
 
     time: float
     kind: str
@@ -31,26 +31,26 @@ class LogEvent:
 
 @dataclass(frozen=True)
 class LogStatus:
-    """The driver's status as it was written: time on the host's clock (s), and its fields by name."""
+    """A recorded status of the driver: time on the host's clock, s, and its fields by name."""
 
     time: float
     fields: dict[str, Any]
 
     @property
     def state(self) -> str:
-        """Of the driver."""
+        """State of the driver."""
         return str(self.fields.get("state", ""))
 
 
 @dataclass(frozen=True, eq=False)
 class CommandedPoints:
-    """The points that were sent.
+    """Points sent.
 
     Attributes:
-        times: (n,) when they were sent, host's clock, s.
-        numbers: (n,) of their commands.
-        sequences: (n,) in their trajectories.
-        point_times: (n,) on their trajectory's clock, s.
+        times: (n,) of sending, host's clock, s.
+        numbers: (n,) of the commands.
+        sequences: (n,) of the points in their trajectories.
+        point_times: (n,) on the trajectory's clock, s.
         positions: (n, 13) rad.
         velocities: (n, 13) rad/s.
     """
@@ -65,11 +65,11 @@ class CommandedPoints:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredJoints:
-    """The feedback that came; NaN for a number that was none.
+    """Joint feedback received; NaN for values that were not finite.
 
     Attributes:
-        times: (n,) when it came, host's clock, s.
-        stamps: (n,) controller's clock, s; NaN where it sends none.
+        times: (n,) of recording, host's clock, s.
+        stamps: (n,) controller's clock, s; NaN if it sends none.
         positions: (n, 13) rad.
         velocities: (n, 13) rad/s.
     """
@@ -82,15 +82,15 @@ class MeasuredJoints:
 
 @dataclass(frozen=True, eq=False)
 class RunLogRecords:
-    """A run log's content.
+    """Content of a run log.
 
     Attributes:
-        header: its first line.
+        header: first line.
         commanded: points sent.
-        measured: feedback.
+        measured: joint feedback.
         statuses: of the driver.
         events: in order.
-        cut: whether the last line was cut, as a crash leaves it.
+        cut: whether the last line is cut, as a crash leaves it.
     """
 
     header: dict[str, Any]
@@ -102,7 +102,7 @@ class RunLogRecords:
 
     @property
     def begin(self) -> float:
-        """When it was begun, host's clock, s; where it does not say, its first time."""
+        """Begin, host's clock, s; the first recorded time if the header states none."""
         clock = self.header.get("clock")
         if isinstance(clock, int | float) and not isinstance(clock, bool):
             return float(clock)
@@ -110,7 +110,7 @@ class RunLogRecords:
 
     @property
     def end(self) -> float:
-        """Last time in it, host's clock, s; 0 for an empty log."""
+        """Last recorded time, host's clock, s; 0 for an empty log."""
         return max(self._ends(-1), default=0.0)
 
     def _ends(self, k: int) -> list[float]:
@@ -126,8 +126,8 @@ def read_run_log(path: str | Path) -> RunLogRecords:
     """Read a run log.
 
     Raises:
-        InputError: missing, no run log, of another version, or damaged anywhere but in its last line; the message names the
-            line.
+        InputError: the file is missing, is not a run log, has another version, or is damaged before
+            its last line; the message names the line.
     """
     path = Path(path)
     try:
@@ -163,7 +163,7 @@ class _Reader:
 
     def take(self, number: int, line: bytes) -> None:
         try:
-            if len(line) > _LONGEST:
+            if len(line) > _LONGEST_LINE:
                 raise ValueError(f"{len(line)} bytes")
             record = json.loads(line)
             if not isinstance(record, dict):
@@ -174,8 +174,8 @@ class _Reader:
             self._takers[record["k"]](float(record["t"]), record)
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise InputError(
-                f"{self._path}: line {number} is damaged ({error!r}); only the last line of a log may be "
-                "cut"
+                f"{self._path}: line {number} is damaged ({error!r}); only the last line of a log "
+                "may be cut"
             ) from None
 
     def _take_header(self, record: dict[str, Any]) -> None:
@@ -215,14 +215,14 @@ class _Reader:
             np.array([item[1] for item in sent], dtype=np.int64),
             np.array([item[2] for item in sent], dtype=np.int64),
             np.array([item[3] for item in sent], dtype=float),
-            np.array([item[4] for item in sent], dtype=float).reshape(-1, _AXES),
-            np.array([item[5] for item in sent], dtype=float).reshape(-1, _AXES),
+            np.array([item[4] for item in sent], dtype=float).reshape(-1, AXES),
+            np.array([item[5] for item in sent], dtype=float).reshape(-1, AXES),
         )
         measured = MeasuredJoints(
             np.array([item[0] for item in seen], dtype=float),
             np.array([item[1] for item in seen], dtype=float),
-            np.array([item[2] for item in seen], dtype=float).reshape(-1, _AXES),
-            np.array([item[3] for item in seen], dtype=float).reshape(-1, _AXES),
+            np.array([item[2] for item in seen], dtype=float).reshape(-1, AXES),
+            np.array([item[3] for item in seen], dtype=float).reshape(-1, AXES),
         )
         events, statuses = tuple(self._events), tuple(self._statuses)
         return RunLogRecords(self._header, commanded, measured, statuses, events, cut)
@@ -237,6 +237,6 @@ def _number(value: Any) -> float:
 
 
 def _axes(values: Any) -> list[float]:
-    if not isinstance(values, list) or len(values) != _AXES:
-        raise ValueError(f"needs {_AXES} numbers")
+    if not isinstance(values, list) or len(values) != AXES:
+        raise ValueError(f"needs {AXES} numbers")
     return [_number(value) for value in values]

@@ -1,14 +1,16 @@
-"""The run log: one JSON object per line, appended and never changed, readable after any crash.
+"""The run log: one JSON object per line, append-only, readable after a crash.
 
-The first line is the header; every further line has the kind of the record (`k`) and the host's monotonic time (`t`, s):
+The first line is the header; every further line has the kind of record (`k`) and the host's
+monotonic time (`t`, s):
 
 - `commanded`: n (command), i (sequence), s (time on the trajectory's clock), q, v (13 each);
-- `measured`: q, v (13 each), stamp (controller's clock or null), count, at (when it was received);
+- `measured`: q, v (13 each), stamp (controller's clock or null), count, at (time of reception);
 - `status`: the driver's status, where it has changed, and ten times a second while it only goes on;
 - `event`: kind, text, data.
 
-A number that is not finite is written as null. A line is handed to the system at once, so that it survives the end of the
-program; the disk is asked to keep it at every event and each second, in a thread of its own since that can take long.
+A number that is not finite is written as null. Each line is handed to the operating system at once,
+so that it survives the end of the program. A thread of its own synchronises the file with the disk,
+which can take long: at every event and each second.
 """
 
 import dataclasses as dc
@@ -31,19 +33,19 @@ from unwrinkle.models.errors import HardwareError, InputError
 
 FORMAT = "unwrinkle-run-log"
 VERSION = 1
-#: s between two requests that the disk keep what was written.
+#: Between two synchronisations with the disk, s.
 SYNC_PERIOD = 1.0
-#: s between two records of a status in which nothing but its running numbers changed.
+#: Least time between two records of a status in which only running numbers have changed, s.
 STATUS_PERIOD = 0.1
-#: Numbers of a status that run on by themselves.
+#: Fields of a status that change continuously.
 _RUNNING_NUMBERS = ("progress", "feedback_age", "points", "following_error", "lag")
 
 
 class RunLog:
-    """A run log that is being written; any thread may write."""
+    """A run log that is being written, from any thread."""
 
     def __init__(self, descriptor: int, path: Path) -> None:
-        """Take over an open file; see `create`."""
+        """Write to an open file, which the log closes; see `create`."""
         self.path = path
         self._descriptor = descriptor
         self._lock = threading.Lock()
@@ -56,11 +58,11 @@ class RunLog:
 
     @classmethod
     def create(cls, path: str | Path, header: Mapping[str, Any]) -> "RunLog":
-        """Begin a log.
+        """Create a log.
 
         Args:
-            path: of the file, which must not exist; missing folders are made.
-            header: what the run is: version, site, plan's hash, verdict; plain values.
+            path: of the file, which must not exist; missing folders are created.
+            header: description of the run: version, site, hash of the plan, verdict; plain values.
 
         Raises:
             InputError: the file exists, or cannot be written.
@@ -97,10 +99,10 @@ class RunLog:
 
     @classmethod
     def join(cls, path: str | Path) -> "RunLog":
-        """Append to a log that another process has begun; records of both stand whole beside each other.
+        """Append to a log that another process has created; records of both are written whole.
 
         Raises:
-            HardwareError: there is none.
+            HardwareError: the file cannot be opened.
         """
         try:
             return cls(os.open(path, os.O_WRONLY | os.O_APPEND), Path(path))
@@ -138,7 +140,9 @@ class RunLog:
         )
 
     def status(self, now: float, status: DriverStatus) -> None:
-        """See `RunLogger.status`; one in which little changed soon after another is left out."""
+        """See `RunLogger.status`; skipped if only running numbers have changed within
+        `STATUS_PERIOD`.
+        """
         if self._last is not None:
             last, when = self._last
             running = {name: getattr(last, name) for name in _RUNNING_NUMBERS}
@@ -152,7 +156,7 @@ class RunLog:
         self._write({"k": "event", "t": now, "kind": kind, "text": text, "data": data}, keep=True)
 
     def close(self) -> None:
-        """Have the disk keep everything, and close; a second time changes nothing."""
+        """Synchronise with the disk and close; a second call changes nothing."""
         with self._lock:
             if self._closed:
                 return
@@ -165,7 +169,7 @@ class RunLog:
             os.close(self._descriptor)
 
     def __enter__(self) -> Self:
-        """The log itself."""
+        """Return the log itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -176,7 +180,7 @@ class RunLog:
         """Append a line, whole or not at all.
 
         Raises:
-            OSError: it cannot be written; what was written of the line is taken back.
+            OSError: the line cannot be written; a part of it is removed again.
         """
         line = json.dumps(_finite(record), separators=(",", ":"), default=_plain).encode() + b"\n"
         with self._lock:
@@ -204,7 +208,7 @@ class RunLog:
             try:
                 os.fsync(self._descriptor)
             except OSError as error:
-                # Devices and pipes cannot be synchronised, and need not be.
+                # EINVAL, ENOTSUP: devices and pipes cannot be synchronised, and need not be.
                 if error.errno not in (22, 95):
                     self._problem = (
                         f"{self.path}: the disk does not keep the run log ({error.strerror})"
@@ -213,7 +217,7 @@ class RunLog:
 
 
 def _finite(value: Any) -> Any:
-    """The same with null in place of numbers that JSON does not have."""
+    """Return the value with None in place of numbers that are not finite."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):

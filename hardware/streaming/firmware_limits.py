@@ -1,4 +1,4 @@
-"""What the controller's firmware would take and not carry out, or refuse in the midst of a motion."""
+"""Limits of the controller's firmware: groups that it does not move, and its speed governor."""
 
 from collections.abc import Sequence
 
@@ -8,12 +8,13 @@ from unwrinkle.hardware.streaming.stream import GROUP_AXES
 from unwrinkle.models.arrays import Array
 from unwrinkle.planning.trajectory import Trajectory
 
-#: A group that moves by no more rests, rad.
-STILL = 1e-6
+#: Largest motion of a group at rest, rad.
+STILL_RAD = 1e-6
 
 
 def unmoved_group(trajectories: Sequence[Trajectory], moved: Sequence[str]) -> str:
-    """Say which control group trajectories move although the firmware does not; empty if there is none.
+    """Return which control group trajectories move although the firmware does not; empty if there
+    is none.
 
     Args:
         trajectories: of all axes, one or more, run one after the other.
@@ -22,21 +23,21 @@ def unmoved_group(trajectories: Sequence[Trajectory], moved: Sequence[str]) -> s
     for name, axes in GROUP_AXES.items():
         q = np.concatenate([trajectory.positions[:, axes] for trajectory in trajectories])
         way = float(np.ptp(q, axis=0).max())
-        if name not in moved and not way <= STILL:
+        if name not in moved and not way <= STILL_RAD:
             hint = (
                 "plan with 'turntable: fixed' in the scenario's planner section"
                 if name == "ext_axis"
                 else "this plan needs a firmware that does"
             )
             return (
-                f"{name} is to move by {way:.3f} rad, and this controller's firmware does not move it "
-                f"(controller.groups_moved: {', '.join(moved)}); {hint}"
+                f"{name} is to move by {way:.3f} rad, and this controller's firmware does not move "
+                f"it (controller.groups_moved: {', '.join(moved)}); {hint}"
             )
     return ""
 
 
 def speed_shares(trajectories: Sequence[Trajectory], full_speed: Array) -> Array:
-    """Greatest share of each axis' full speed that points of trajectories have, (13,).
+    """Return the greatest share of each axis' full speed at the points of trajectories, (13,).
 
     Args:
         trajectories: of all axes, one or more.

@@ -1,4 +1,4 @@
-"""One change of the rate along a path: a quintic in time, and the points to send for it."""
+"""A change of the rate along a path: a quintic in time, and the points to send for it."""
 
 from dataclasses import dataclass
 
@@ -9,18 +9,25 @@ from unwrinkle.models.arrays import Array
 from unwrinkle.planning.sent_samples import as_float32
 
 _POWERS = np.linspace(0.0, 1.0, 129)[:, None] ** np.arange(7)
-#: x^3 (1 - x)^3, which with its first two derivatives is 0 at both ends, and its integral from 0 to 1.
-_BUMP, _BUMP_AREA = np.array([0.0, 0.0, 0.0, 1.0, -3.0, 3.0, -1.0]), 1.0 / 140.0
-#: Places (of the duration) at which durations are sieved, and how much of a limit passes.
+#: Coefficients of x^3 (1 - x)^3, which is 0 at both ends together with its first two derivatives.
+_BUMP = np.array([0.0, 0.0, 0.0, 1.0, -3.0, 3.0, -1.0])
+#: Its integral from 0 to 1.
+_BUMP_AREA = 1.0 / 140.0
+#: Powers of the places, in shares of the duration, at which durations are sieved.
 _SIEVE = np.linspace(0.0, 1.0, 21)[:, None] ** np.arange(6)
+#: Share of a limit that passes the sieve.
 _SIEVE_ROOM = 1.03
+#: Difference that is rounding: of rates, and of times, s.
 _ROUNDING = 1e-9
-_ITERATIONS = 40
+#: Bisections for the time at which a change reaches the path's end.
+_BISECTIONS = 40
 
 
 @dataclass(frozen=True)
 class RateState:
-    """Where a path's clock is: stream time (s), s, rate ds/dt and the rate's two derivatives (1/s, 1/s^2)."""
+    """State of a path's clock: stream time, s; path time s, s; rate ds/dt; the rate's derivatives,
+    1/s and 1/s^2.
+    """
 
     time: float
     s: float
@@ -31,7 +38,7 @@ class RateState:
 
 @dataclass(frozen=True, eq=False)
 class RateChange:
-    """Points of a change of rate, behind the one where it begins.
+    """Points of a change of rate, without the point where it begins.
 
     Attributes:
         times: (n,) s, on the stream's clock.
@@ -49,7 +56,7 @@ class RateChange:
     velocities: Array
 
     def state(self, i: int) -> RateState:
-        """Of the clock at point i."""
+        """Return the state of the clock at point i."""
         return RateState(
             float(self.times[i]),
             float(self.s[i]),
@@ -62,20 +69,21 @@ class RateChange:
     def make(
         cls, path: CubicPath, start: RateState, target: float, duration: float, widest: float
     ) -> "RateChange | None":
-        """Points up to the end of the change, or up to the path's end if that comes first.
+        """Compute the points up to the end of the change, or up to the path's end if that comes
+        first.
 
-        A change to the full rate ends at one of the path's own knots, so that from there on the points are the
-        trajectory's own samples again.
+        A change to the full rate ends at one of the path's own knots, so that from there on the
+        points are the trajectory's own samples again.
 
         Args:
-            path: along which.
-            start: where the clock is, at a whole ms.
-            target: rate at the end.
-            duration: of the change, whole ms, in s.
-            widest: greatest distance of points, s.
+            path: to run.
+            start: state of the clock, at a whole ms.
+            target: rate at the end, 0 to 1.
+            duration: of the change, s, whole ms.
+            widest: greatest time between points, s.
 
         Returns:
-            None if the rate would leave 0 to 1, or no knot can be met.
+            None if the rate would leave 0 to 1, or no knot can be reached.
         """
         c = np.append(_quintic(start, target, duration), 0.0)
         end = start.s + float(_travel(c, duration, np.ones(1))[0])
@@ -99,7 +107,7 @@ class RateChange:
         e = d[1:] * np.arange(1.0, len(d))
         slopes = np.where(moving, _value(d, x) / duration, 0.0)
         bends = np.where(moving, _value(e, x) / duration**2, 0.0)
-        positions, velocities = path.at(s)
+        positions, velocities = path.curve.at(s)
         velocities *= rates[:, None]
         if ends[-1]:  # the path's own end is rest
             positions[-1], velocities[-1] = path.knot(len(path.knots) - 1)
@@ -111,9 +119,10 @@ class RateChange:
 def plausible(
     path: CubicPath, start: RateState, target: float, times: Array, limits: StreamLimits
 ) -> Array:
-    """Those of the durations (n,) whose motion keeps the limits, roughly, at some places: a quick sieve.
+    """Return the durations of `times` (n,), s, whose motion about keeps the limits at some places:
+    a quick sieve.
 
-    The limits are widened by a few percent, so that what passes has to be tried in full.
+    The limits are widened by a few percent, so durations that pass have to be checked in full.
     """
     c = np.array([_quintic(start, target, float(duration)) for duration in times])
     d = c[:, 1:] * np.arange(1, 6)
@@ -125,7 +134,7 @@ def plausible(
     ok = (rate.min(axis=1) >= -_ROUNDING) & (rate.max(axis=1) <= 1.0 + _ROUNDING)
     inside = s < path.end
     r, f, g = (np.where(inside, a, 0.0)[..., None] for a in (rate, slope, bend))
-    q1, q2, q3 = path.derivatives(np.minimum(s, path.end))
+    q1, q2, q3 = path.curve.derivatives(np.minimum(s, path.end))
     for value, most in (
         (q1 * r, limits.velocity),
         (q2 * r**2 + q1 * f, limits.acceleration),
@@ -136,7 +145,9 @@ def plausible(
 
 
 def _quintic(start: RateState, target: float, duration: float) -> Array:
-    """Coefficients in x = t / duration, constant first, that end in (target, 0, 0)."""
+    """Return coefficients in x = t / duration, constant first, of a rate that ends in (target, 0,
+    0).
+    """
     r, d, e = start.rate, start.slope * duration, 0.5 * start.bend * duration**2
     gap = target - r
     return np.array(
@@ -159,7 +170,7 @@ def _value(c: Array, x: Array) -> Array:
 
 
 def _travel(c: Array, duration: float, x: Array) -> Array:
-    """Way in s from the start of the change to x."""
+    """Return the path time from the start of the change to x, s."""
     integral: Array = x * _value(c / np.arange(1.0, len(c) + 1.0), x) * duration
     return integral
 
@@ -167,7 +178,9 @@ def _travel(c: Array, duration: float, x: Array) -> Array:
 def _points(
     end: float, begin: float, duration: float, c: Array, widest: float
 ) -> tuple[Array, Array]:
-    """Times since the start (n,), whole ms, and s of the points of a change; the last one may be the path's end."""
+    """Return times since the start, whole ms, and path times of the points, (n,) s each; the last
+    may be the path's end.
+    """
     count = max(1, int(np.ceil(duration / widest - _ROUNDING)))
     tau = np.unique(np.round(1e3 * duration * np.arange(1, count + 1) / count)) / 1e3
     s = begin + _travel(c, duration, tau / duration)
@@ -176,7 +189,7 @@ def _points(
         return tau, s
     last = int(np.argmin(inside))  # the first point beyond the path's end
     low, high = (tau[last - 1] if last else 0.0), tau[last]
-    for _ in range(_ITERATIONS):
+    for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         way = float(_travel(c, duration, np.array([middle / duration]))[0])
         low, high = (middle, high) if begin + way < end else (low, middle)

@@ -1,4 +1,6 @@
-"""A path's points on their way to the controller: one at a time, resent while it is busy, never far ahead of the robot."""
+"""Sending of a path's points: one at a time, repeated while the controller is busy, a bounded time
+ahead of the robot.
+"""
 
 from collections import deque
 from collections.abc import Callable
@@ -20,73 +22,94 @@ from unwrinkle.hardware.motoros.wire import (
 from unwrinkle.hardware.streaming.path_clock import PathClock, Sample
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.site import ControllerSite
+from unwrinkle.planning.trajectory import hermite_positions
 
-#: Takes down a point that is sent: now, sequence, time, positions, velocities.
+#: Records a point that is sent: now, s, sequence, time, s, positions, rad, velocities, rad/s.
 Recorder: TypeAlias = Callable[[float, int, float, Array, Array], None]
 
-#: Axes of each group, by the site's names of groups.
+#: Axes of each control group, by the site's group names.
 GROUP_AXES = {"r1": slice(1, 7), "r2": slice(7, 13), "ext_axis": slice(0, 1)}
 
-#: Every motion begins with a point of rest so much later, s: until then the queues fill. A multiple of the interpolation
-#: periods of 4 and 8 ms, so that a plan's points fall on the controller's clock.
-DWELL = 0.104
-#: Greatest difference of the groups' starts that is no error, s.
-SKEW = 0.02
-#: A controller that is busy may be behind the host's reckoning by so much, s.
-BUSY_ROOM = 0.02
-#: Part of a millisecond by which a point's time is sent later, so that no rounding makes the cut one fall short.
-_INSIDE = 0.4
-#: Nothing runs out within rounding, s.
-_ROUNDING = 1e-6
+#: Time between the two points of rest that begin every motion, s: meanwhile the queues fill. A
+#: multiple of the interpolation periods of 4 and 8 ms, so that a plan's points fall on the
+#: controller's clock.
+START_DWELL_S = 0.104
+#: Largest difference of the groups' starts, s.
+LARGEST_START_SKEW_S = 0.02
+#: Largest delay of a busy controller behind the host's estimate, s.
+BUSY_DELAY_S = 0.02
+#: Fraction of a millisecond added to a point's time, so that no rounding lets the controller cut it
+#: one too low.
+_TIME_MARGIN_MS = 0.4
+#: Difference of two times that is rounding, s.
+_ROUNDING_S = 1e-6
+#: Velocity of all axes at rest, rad/s.
 _NO_VELOCITY = np.zeros(13)
+#: Key of a message to all groups.
 _ALL = -1
 
 
 def sent_time(when: float) -> float:
-    """The time to put in a message for a point at a whole millisecond, s: the controller cuts it to that millisecond."""
-    return (round(1e3 * when) + _INSIDE) / 1e3
+    """Return the time to send for a point at a whole millisecond, s: the controller cuts it to that
+    millisecond.
+    """
+    return (round(1e3 * when) + _TIME_MARGIN_MS) / 1e3
 
 
-def most_lag(site: ControllerSite) -> float:
-    """Greatest lag of the feedback that is looked for, s: well beyond what the site allows, to tell what it is."""
+def longest_searched_lag(site: ControllerSite) -> float:
+    """Return the greatest lag of the feedback that is searched, s: well beyond the site's limit, so
+    as to report it.
+    """
     return max(0.5, 2.0 * site.latency)
 
 
 class PointStream:
     """Sends the points of one path.
 
-    The stream's clock is the one of the points' times, which are whole milliseconds. The robot runs it from the moment its first point of motion is
-    sent; while the path rests it stands still. Points are sent until they are `lead` ahead of it.
+    The stream's clock is that of the points' times, which are whole milliseconds. It runs on the
+    robot from the moment the first point of motion is sent, and stops while the path rests. Points
+    are sent up to the site's `lead` ahead of it.
 
     Attributes:
         clock: of the path.
-        acknowledged: points that every group has taken.
-        skew: difference of the groups' last start, s.
-        offsets: (13,) how much later than the first group each axis' group was started last, s.
-        problem: why it cannot go on; empty while it can.
+        acknowledged: points that every group has accepted.
+        skew: difference of the groups' starts of the last motion, s.
+        offsets: (13,) start of each axis' group after the first group's, of the last motion, s.
+        problem: why the stream cannot go on; empty while it can.
         stopped: nothing more is sent.
     """
 
     def __init__(
         self, clock: PathClock, site: ControllerSite, channel: MotionChannel, record: Recorder
     ) -> None:
-        """Begin where the clock stands."""
+        """Prepare to send; the first `poll` sends the clock's next point.
+
+        Args:
+            clock: produces the points.
+            site: of the controller.
+            channel: of the motion connection.
+            record: is called for every point sent.
+        """
         self.clock = clock
         self._site = site
         self._channel = channel
         self._record = record
         self._sequence = 0
-        self._shift = 0.0  # of times as sent against the path clock's, by points of rest
-        self._point: tuple[Sample, float] | None = None  # on its way, with its time as sent
-        self._messages: dict[int, Message] = {}  # of it, those not taken yet, by group
-        self._again: dict[int, float] = {}  # when to send those again that were refused as busy
-        self._busy = False  # a group has refused it so
+        self._shift = 0.0  # of times sent against the path clock's, from points of rest, s
+        self._point: tuple[Sample, float] | None = (
+            None  # not acknowledged yet, with its time as sent, s
+        )
+        self._messages: dict[int, Message] = {}  # of it, by group: those not acknowledged yet
+        self._again: dict[int, float] = {}  # when to repeat those that were refused as busy, s
+        self._busy = False  # a group has refused the point as busy
         self._first_sent = 0.0
-        self._synchro: float | None = None  # when to ask next
+        self._synchro: float | None = None  # next check of synchrony, s
         self._synchronous = site.synchro != "each"
-        self._resting = True  # what was produced last is a point of rest
-        self._anchor: tuple[float, float] | None = None  # now, stream time; None while at rest
-        self._taken = 0.0  # time of the last point that every group has taken
+        self._resting = True  # the last point produced is one of rest
+        self._anchor: tuple[float, float] | None = (
+            None  # host time and stream time, s; None while at rest
+        )
+        self._taken = 0.0  # time of the last point that every group has accepted, s
         self._starts: dict[int, float] = {}
         self._history: deque[tuple[float, float, Array, Array]] = deque()  # time, s, q, v
         self._arrays: tuple[Array, Array, Array, Array] | None = None
@@ -96,53 +119,49 @@ class PointStream:
         self.problem = ""
         self.stopped = False
 
-    # What is known
-
     def executed(self, now: float) -> float:
-        """Stream time that the robot is commanded to by now, s."""
+        """Return the stream time that the robot is commanded to now, s; at most that of the last
+        point accepted.
+        """
         if self._anchor is None:
             return self._taken
         return min(self._raw(now), self._taken)
 
     def reckoned(self, now: float) -> float:
-        """The same, but going on at rest: what a robot that lags behind is compared with, s."""
+        """Return the stream time of a robot that is not limited by points accepted, s: a lagging
+        robot is compared with it.
+        """
         return self._taken if self._anchor is None else self._raw(now)
 
     def at_rest(self, now: float) -> bool:
-        """Whether all that was sent is run, and ended at rest."""
+        """Return whether all points sent have been run and the last one is one of rest."""
         if not (self._resting and self._point is None):
             return False
         return self._anchor is None or self._raw(now) >= self._taken
 
     def ended(self, now: float) -> bool:
-        """Whether the whole path is run."""
+        """Return whether the whole path has been run."""
         return self.clock.done and self.at_rest(now)
 
     def progress(self, now: float) -> float:
-        """Time along the trajectory, on its own clock, that the robot is commanded to by now, s."""
+        """Return the time on the trajectory's own clock that the robot is commanded to now, s."""
         if not self._history:
             return 0.0
         times, s, _, _ = self._tables()
         return float(np.interp(self.executed(now), times, s))
 
     def commanded(self, times: Array) -> Array:
-        """Positions (n, 13) that were sent for stream times (n,), rad."""
+        """Return the positions (n, 13), rad, that were sent for stream times (n,), s."""
         knots, _, q, v = self._tables()
         t = np.clip(times, knots[0], knots[-1])
         if len(knots) == 1:
             return np.tile(q[0], (len(t), 1))
-        i = np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(knots) - 2)
-        h = (knots[i + 1] - knots[i])[:, None]
-        x = (t - knots[i])[:, None] / h
-        value: Array = (
-            q[i] * (1.0 + 2.0 * x) * (1.0 - x) ** 2
-            + q[i + 1] * x**2 * (3.0 - 2.0 * x)
-            + h * x * (1.0 - x) * (v[i] * (1.0 - x) - v[i + 1] * x)
-        )
-        return value
+        return hermite_positions(knots, q, v, t)
 
     def commanded_to(self, times: Array) -> Array:
-        """The same, where each group began as much later as it was started later."""
+        """Return the positions (n, 13), rad, that were sent for stream times (n,), s, with each
+        group's later start.
+        """
         if not self.offsets.any():
             return self.commanded(times)
         positions = np.empty((len(times), 13))
@@ -151,25 +170,26 @@ class PointStream:
         return positions
 
     def ran_out(self, now: float) -> str:
-        """Why the controller has nothing to run in the midst of motion; empty if it has."""
+        """Return why the controller's queue has run out during motion; empty if it has not."""
         if self._anchor is None or not self._synchronous or self.stopped:
             return ""
         if self._resting and self._point is None:
             return ""
         late = self._raw(now) - self._taken
-        if late <= (BUSY_ROOM if self._busy else _ROUNDING):
+        if late <= (BUSY_DELAY_S if self._busy else _ROUNDING_S):
             return ""
         waited = now - self._first_sent
         text = f"the points that the controller has taken ended {1e3 * late:.0f} ms ago"
         if self._point is None or waited < 0.5 * self._site.lead:
             return f"{text}: this machine or the network is too slow; nothing is sent late"
         state = "busy with" if self._busy else "silent about"
-        return f"{text}, and for {waited:.2f} s it has been {state} the next one ({self._sequence - 1})"
-
-    # What is done
+        return (
+            f"{text}, and for {waited:.2f} s it has been {state} the next one "
+            f"({self._sequence - 1})"
+        )
 
     def poll(self, now: float) -> None:
-        """Send what is due."""
+        """Send the points that are due."""
         if self.problem or self.stopped:
             return
         if self._synchro is not None:
@@ -190,7 +210,7 @@ class PointStream:
         self.stopped = True
 
     def answered(self, asked: Asked, reply: MotionReply, now: float) -> None:
-        """Take the answer to a point, or to the check of synchrony."""
+        """Process the reply to a point, or to the check of synchrony."""
         if self.stopped or self.problem:
             return
         if asked.what == Command.CHECK_SYNCHRO:
@@ -201,7 +221,8 @@ class PointStream:
         if reply.result == Result.BUSY:
             if now - self._first_sent > self._site.busy_limit:
                 self.problem = (
-                    f"the controller has been busy with point {asked.sequence} (group {asked.group}) for "
+                    f"the controller has been busy with point {asked.sequence} (group "
+                    f"{asked.group}) for "
                     f"{now - self._first_sent:.2f} s, at most {self._site.busy_limit:g} s"
                 )
             self._again[asked.group] = now + self._site.busy_retry
@@ -242,15 +263,18 @@ class PointStream:
         if self._anchor is None and self.acknowledged > 0:
             self.skew = max(starts) - min(starts)
             self._note_offsets(min(starts))
-            if self.skew > SKEW:
-                self.problem = f"the control groups started {1e3 * self.skew:.0f} ms apart, at most {1e3 * SKEW:.0f} ms"
+            if self.skew > LARGEST_START_SKEW_S:
+                self.problem = (
+                    f"the control groups started {1e3 * self.skew:.0f} ms apart, at most "
+                    f"{1e3 * LARGEST_START_SKEW_S:.0f} ms"
+                )
         begin = min(starts)
         waits = (
             not self._synchronous and self._anchor is not None and self._raw(begin) > self._taken
         )
         if self.acknowledged > 0 and (self._anchor is None or waits):
             self._anchor = (begin, self._taken)
-        elif self._busy and self._anchor is not None:  # it is slower than thought
+        elif self._busy and self._anchor is not None:  # it is slower than estimated
             self._anchor = (now, self.executed(now))
         self._taken = self._point[1]
         self._point, self._busy = None, False
@@ -265,12 +289,12 @@ class PointStream:
         """Send the next point if it is due."""
         last = self.clock.last
         if last is not None and self.clock.at_rest:
-            self._resting = True  # also where a hold comes before the first point of motion
+            self._resting = True  # also after a hold before the first point of motion
             return
         if last is not None and self._resting and self.at_rest(now):
             self._anchor = None
             self._resting = False
-            self._shift += DWELL
+            self._shift += START_DWELL_S
             rest = Sample(last.time, last.positions, _NO_VELOCITY, last.s, 0.0)
             self._take(rest, rest.time + self._shift, now)
             return
@@ -280,7 +304,7 @@ class PointStream:
             self._take(sample, sample.time + self._shift, now)
 
     def _take(self, sample: Sample, time: float, now: float) -> None:
-        """Make a point the one on its way."""
+        """Send a point."""
         q, v = sample.positions, sample.velocities
         self._point = (sample, time)
         self._remember(time, sample, now)
@@ -317,13 +341,13 @@ class PointStream:
 
     def _remember(self, time: float, sample: Sample, now: float) -> None:
         self._history.append((time, sample.s, sample.positions, sample.velocities))
-        oldest = self.executed(now) - most_lag(self._site) - 0.5
+        oldest = self.executed(now) - longest_searched_lag(self._site) - 0.5
         while len(self._history) > 2 and self._history[1][0] < oldest:
             self._history.popleft()
         self._arrays = None
 
     def _tables(self) -> tuple[Array, Array, Array, Array]:
-        """Times, s, positions and velocities of the points sent lately."""
+        """Return times, path times, positions and velocities of the points sent lately."""
         if self._arrays is None:
             times, s, q, v = zip(*self._history, strict=True)
             self._arrays = (np.array(times), np.array(s), np.array(q), np.array(v))

@@ -1,1 +1,1 @@
-"""The virtual robot controller: a DX100 that speaks MotoROS."""
+"""The virtual robot controller: a DX100 with MotoROS."""

@@ -1,4 +1,6 @@
-"""What a client must not send although the firmware takes it: rules that the virtual controller notes and never enforces."""
+"""Rules for clients that the firmware does not enforce: the virtual controller records violations
+of them.
+"""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -8,10 +10,15 @@ import numpy as np
 from unwrinkle.hardware.motoros.wire import GroupPoint
 from unwrinkle.models.arrays import Array
 
-# Rounding, no excess: of float32 positions, rad, and of planned speeds, relative.
-_POSITION, _SPEED = 1e-5, 1e-5
-#: A time is far enough from where truncation decides if its fraction of a millisecond is within these.
+#: Excess over a position limit that is rounding of float32, rad.
+_POSITION_ROUNDING_RAD = 1e-5
+#: Excess over a velocity limit that is rounding, relative.
+_SPEED_ROUNDING = 1e-5
+#: Fraction of a millisecond that a time must have, so that its truncation is not a matter of
+#: rounding.
 _FRACTION = (0.1, 0.9)
+#: Places in a cubic at which it is checked, in shares of its duration.
+_PLACES = np.linspace(0.0, 1.0, 33)[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +31,7 @@ class _Last:
 
 @dataclass(frozen=True, eq=False)
 class AuditLimits:
-    """Of one group's axes: positions, rad, and velocities, rad/s, each (A,)."""
+    """Limits of one group's axes: positions, rad, and velocities, rad/s, (A,) each."""
 
     lower: Array
     upper: Array
@@ -33,25 +40,25 @@ class AuditLimits:
 
 @dataclass
 class Audit:
-    """Broken rules, in order, each as a sentence; the newest thousand.
+    """Violations of the rules.
 
     Attributes:
-        findings: what was broken.
+        findings: one sentence each, in order; the newest thousand.
     """
 
     findings: deque[str] = field(default_factory=lambda: deque(maxlen=1000))
     _last: dict[int, _Last] = field(default_factory=dict)
 
     def several(self, count: int) -> None:
-        """Note that so many messages came in one read: only one may be on its way."""
+        """Record that `count` messages came in one read: only one request may be under way."""
         self.findings.append(f"{count} messages in one read; one request at a time")
 
     def stopped(self) -> None:
-        """After a stop a trajectory's first point has to come."""
+        """Require a trajectory's first point next, after a stop."""
         self._last.clear()
 
     def point(self, point: GroupPoint, sequence: int, limits: AuditLimits) -> None:
-        """Judge a point that the controller has taken."""
+        """Check a point that the controller has accepted."""
         assert point.time is not None and point.positions is not None
         assert point.velocities is not None
         size = len(limits.lower)
@@ -76,9 +83,12 @@ class Audit:
         self._last[point.group] = now
 
     def _values(self, label: str, q: Array, v: Array, limits: AuditLimits) -> None:
-        if ((q < limits.lower - _POSITION) | (q > limits.upper + _POSITION)).any():
+        if (
+            (q < limits.lower - _POSITION_ROUNDING_RAD)
+            | (q > limits.upper + _POSITION_ROUNDING_RAD)
+        ).any():
             self.findings.append(f"{label}: a position beyond its limit")
-        if (np.abs(v) > limits.velocity * (1.0 + _SPEED)).any():
+        if (np.abs(v) > limits.velocity * (1.0 + _SPEED_ROUNDING)).any():
             self.findings.append(f"{label}: a velocity beyond its limit")
 
     def _between(self, label: str, last: _Last, now: _Last, limits: AuditLimits) -> None:
@@ -86,7 +96,7 @@ class Audit:
         if step <= 0.0:
             self.findings.append(f"{label}: its time does not increase")
             return
-        u = np.linspace(0.0, 1.0, 33)[:, None]
+        u = _PLACES
         dq, v0, v1 = now.positions - last.positions, last.velocities, now.velocities
         q = (
             last.positions
@@ -98,9 +108,12 @@ class Audit:
             + v0 * (1.0 - 4.0 * u + 3.0 * u**2)
             + v1 * u * (3.0 * u - 2.0)
         )
-        if ((q < limits.lower - _POSITION) | (q > limits.upper + _POSITION)).any():
+        if (
+            (q < limits.lower - _POSITION_ROUNDING_RAD)
+            | (q > limits.upper + _POSITION_ROUNDING_RAD)
+        ).any():
             self.findings.append(f"{label}: the cubic before it leaves a position limit")
         # Speeds of float32 positions a few ms apart are rounded, rad/s.
-        room = limits.velocity * (1.0 + _SPEED) + 1e-6 / step
+        room = limits.velocity * (1.0 + _SPEED_ROUNDING) + 1e-6 / step
         if (np.abs(v) > room).any():
             self.findings.append(f"{label}: the cubic before it exceeds a velocity limit")

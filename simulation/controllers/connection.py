@@ -8,18 +8,18 @@ from unwrinkle.simulation.controllers.reads import Unread
 
 
 class Connection:
-    """A link with what came on it and what waits to be written.
+    """A link with its unanswered messages and its unsent bytes.
 
     Attributes:
         link: to the client.
-        waiting: its messages that are not answered yet.
-        rest: of a read that a fault has cut, which the next read brings.
-        since: when the first byte came of what a fault puts together, s; None while none has come.
-        credit: bytes that a slow reader may read by now.
+        waiting: messages that are not answered yet.
+        rest: of a read that a fault has cut; the next read returns it.
+        since: time of the first byte of a read that a fault coalesces, s; None before that.
+        credit: bytes that a slow reader may read now.
     """
 
     def __init__(self, link: TcpLink) -> None:
-        """Serve a link."""
+        """Use a link to a client."""
         self.link = link
         self.waiting: deque[Message | Unread] = deque()
         self.rest = b""
@@ -28,14 +28,14 @@ class Connection:
         self._pieces = bytearray()
 
     def send(self, data: bytes, split: bool) -> None:
-        """Send now; if split, in single bytes, the last ones at a later `flush`."""
+        """Send bytes; if `split`, queue them for single writes at later calls of `flush`."""
         if split or self._pieces:
             self._pieces += data
         else:
             self.link.send(data)
 
     def flush(self, split: bool) -> None:
-        """Send what waits: all, or if split half of it in single bytes."""
+        """Send queued bytes: all, or with `split` half of them in single writes."""
         if self._pieces:
             count = max(len(self._pieces) // 2, 64) if split else len(self._pieces)
             for index in range(min(count, len(self._pieces))):

@@ -1,12 +1,14 @@
-"""A virtual robot controller: modes, servos, queues and interpolation of a DX100 with MotoROS 1.9.12.
+"""A virtual robot controller: modes, servos, queues and interpolation of a DX100 with MotoROS
+1.9.12.
 
-It knows no sockets and no clock: messages are handed to it, and `advance` moves it on by one
+It uses neither sockets nor a clock: messages are passed to its methods, and `advance` simulates one
 interpolation period. The thirteen axes are turn-table, right arm, left arm; its control groups are
 0 the right arm (r1), 1 the left arm (r2), 2 the turn-table (ext_axis).
 
-It is as lax and as terse as the firmware (docs/deployment.md names its source and what is not known of it). What a
-client should not have sent is noted in `audit`, and refused only where the firmware refuses it. Above all: **its queues
-outlive the motion connection**, and are run again when the next one is accepted.
+It accepts what the firmware accepts (docs/deployment.md names the source, and what is unknown).
+Violations of the rules for clients are recorded in `audit`, and refused only where the firmware
+refuses them. Above all: **its queues outlive the motion connection**, and are run again when the
+next one is accepted.
 """
 
 from collections import deque
@@ -37,41 +39,44 @@ from unwrinkle.hardware.motoros.wire import (
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.site import GROUPS
+from unwrinkle.planning.trajectory import AXES
 from unwrinkle.simulation.controllers.audit import Audit, AuditLimits
-from unwrinkle.simulation.controllers.group import LONGEST, Axes, ControlGroup
+from unwrinkle.simulation.controllers.group import LONGEST_TIME_S, Axes, ControlGroup
 from unwrinkle.simulation.controllers.io import InputsAndOutputs
-from unwrinkle.simulation.controllers.pendant import PLAY, TEACH, Pendant
+from unwrinkle.simulation.controllers.pendant import Pendant, PendantMode
 from unwrinkle.simulation.controllers.reads import Unread
-from unwrinkle.simulation.controllers.settings import AcceptedPoint, VirtualControllerSettings
+from unwrinkle.simulation.controllers.settings import (
+    AcceptedPoint,
+    Firmware,
+    VirtualControllerSettings,
+)
 
 __all__ = [
     "AXES",
     "GROUP_AXES",
-    "PLAY",
-    "TEACH",
     "AcceptedPoint",
     "VirtualController",
     "VirtualControllerSettings",
 ]
 
 
-AXES = 13
-#: The axes of each control group.
+#: Indices of the axes of each control group.
 GROUP_AXES = (tuple(range(1, 7)), tuple(range(7, 13)), (0,))
 
 
-class VirtualController(Pendant):
+class VirtualController:
     """The controller.
 
     Attributes:
-        settings: of it.
+        settings: of the controller.
+        pendant: switches, servos and trajectory mode.
         inputs, outputs: digital ones by address, 0 or 1.
-        received: the points that were accepted, of each group, oldest first.
-        messages: what was handed to it, with its clock.
-        trace: clock, positions (13,) and velocities (13,) as commanded, of each period.
-        points: trajectory points accepted so far, by all groups.
-        audit: rules that a client has broken, whether the firmware minds or not.
-        mode, remote, e_stop, hold, alarm, servo, trajectory_mode: see `Pendant`.
+        received: accepted points of each group, oldest first.
+        messages: received messages, with the controller's clock, s.
+        trace: clock, s, commanded positions (13,), rad, and velocities (13,), rad/s, of each
+            period.
+        points: trajectory points that all groups have accepted so far.
+        audit: violations of the rules for clients.
     """
 
     def __init__(
@@ -80,11 +85,11 @@ class VirtualController(Pendant):
         start: ArrayLike,
         limits: tuple[ArrayLike, ArrayLike, ArrayLike],
     ) -> None:
-        """Stand at `start` (13,) rad in play mode, remote, servos off, with a motion connection.
+        """Begin at rest in play mode, with remote on, servos off, and a motion connection.
 
         Args:
-            settings: of it.
-            start: where the axes stand.
+            settings: of the controller.
+            start: (13,) positions of the axes, rad.
             limits: lower and upper positions, rad, and velocities, rad/s, each (13,).
 
         Raises:
@@ -101,7 +106,7 @@ class VirtualController(Pendant):
         ):
             if array.shape != (AXES,) or not np.isfinite(array).all():
                 raise InputError(f"virtual controller: {name} needs {AXES} finite numbers")
-        super().__init__(keeps_queue=settings.firmware == "2013")
+        self.pendant = Pendant(self.stop, keeps_queue=settings.firmware == Firmware.OF_2013)
         self.settings = settings
         pulses = np.array(settings.pulses_per_radian)
         self._tolerance = settings.start_pulses / np.concatenate([pulses, pulses[1:]])
@@ -131,15 +136,13 @@ class VirtualController(Pendant):
         self._ticks = 0
         self._starting: tuple[MotionControl, float] | None = None
         self._late: list[Message] = []
-        self._previous: Message | None = None  # reply, which unknown commands get once more
-        self._parted: float | None = None  # when the motion connection ended
+        self._previous: Message | None = None  # last reply, repeated for unknown commands
+        self._parted: float | None = None  # end of the motion connection, s
         rest = np.zeros(AXES)
         self._under_way = deque(
             [(begin, rest)] * (round(settings.delay / settings.period) + 1),
             maxlen=round(settings.delay / settings.period) + 1,
         )
-
-    # ------------------------------------------------------------ state
 
     @property
     def time(self) -> float:
@@ -158,75 +161,75 @@ class VirtualController(Pendant):
 
     @property
     def axis_positions(self) -> Array:
-        """Where the axes are told to be by now, (13,) rad: what was commanded the settings' delay ago."""
+        """Positions of the axes, (13,) rad: those commanded the settings' delay ago."""
         return self._under_way[0][0]
 
     @property
     def axis_velocities(self) -> Array:
-        """Velocities of the axes by now, (13,) rad/s; see `axis_positions`."""
+        """Velocities of the axes, (13,) rad/s; see `axis_positions`."""
         return self._under_way[0][1]
 
     @property
     def moving(self) -> bool:
-        """Whether an axis moves, or will by an increment that waits."""
+        """Whether an axis moves, or increments are queued."""
         return any(group.moving for group in self._groups) or not self._arrived
 
     @property
     def resting(self) -> bool:
-        """Whether no axis moves, nor will before another motion connection is made."""
+        """Whether no axis moves, nor will before the next motion connection is made."""
         left_alone = not self.playing and not self.velocities.any() and self._arrived
         return left_alone or not self.moving
 
     @property
     def _arrived(self) -> bool:
-        """Whether the axes are told to be where the last increment ended."""
+        """Whether the axes are at the end of the last increment."""
         return np.array_equal(self._under_way[0][0], self._under_way[-1][0])
 
     @property
     def queued(self) -> tuple[int, ...]:
-        """Increments that wait in each group."""
+        """Queued increments of each group."""
         return tuple(group.count for group in self._groups)
 
     @property
     def queued_time(self) -> tuple[float, ...]:
-        """Motion that waits in each group, s."""
+        """Duration of the queued motion of each group, s."""
         return tuple(group.ahead for group in self._groups)
 
     @property
     def underruns(self) -> int:
-        """How often a group's queue ran out in motion."""
+        """Number of times that a group's queue ran out during motion."""
         return sum(group.underruns for group in self._groups)
 
     @property
     def starting(self) -> bool:
-        """Whether trajectory mode is being started; its reply comes from `late_replies`."""
+        """Whether trajectory mode is being started; the reply follows in `late_replies`."""
         return self._starting is not None
 
     @property
     def playing(self) -> bool:
-        """Whether increments that wait are run."""
+        """Whether queued increments are run."""
         return self._parted is None or self.time < self._parted + self.settings.leaving - 1e-9
 
     @property
     def parting(self) -> bool:
-        """Whether the motion connection has just ended, and its tasks have not yet."""
+        """Whether the motion connection has ended and its tasks still run."""
         return self._parted is not None and self.playing
 
     @property
     def status(self) -> RobotStatusBody:
-        """What ROBOT_STATUS tells where the axes are measured to be where they are told to be."""
+        """Content of ROBOT_STATUS, with the axes measured at `axis_positions`."""
         return self._status(self.axis_positions)
 
     def _status(self, measured: Array) -> RobotStatusBody:
         off = np.abs(measured - self.positions) > self._tolerance
         return RobotStatusBody(
-            drives_powered=int(self.servo),
-            e_stopped=int(self.e_stop),
-            error_code=self.alarm,
-            in_error=int(self.alarm != 0),
+            drives_powered=int(self.pendant.servo),
+            e_stopped=int(self.pendant.e_stop),
+            error_code=self.pendant.alarm,
+            in_error=int(self.pendant.alarm != 0),
             in_motion=int(any(self.queued) or bool(off.any())),
-            mode=1 if self.mode == TEACH else 2,
-            motion_possible=int(not self.not_ready),
+            mode=1 if self.pendant.mode == PendantMode.TEACH else 2,
+            motion_possible=int(not self.pendant.not_ready),
         )
 
     @staticmethod
@@ -237,32 +240,28 @@ class VirtualController(Pendant):
         return whole
 
     def stop(self) -> None:
-        """Empty all queues at once; the axes brake."""
+        """Empty all queues; the axes brake."""
         for group in self._groups:
             group.clear()
 
-    # ------------------------------------------------------------ the motion connection
-
     def connection_made(self) -> None:
-        """A motion connection is accepted: whatever waits in the queues is run from now on."""
+        """Accept a motion connection: queued increments are run from now on."""
         self._parted = None
         for group in self._groups:
             group.forget()
 
     def connection_lost(self) -> None:
-        """The motion connection has ended: its tasks end a little later, and the queues stay as they are."""
+        """End the motion connection: its tasks end shortly after; the queues keep their content."""
         if self._parted is None:
             self._parted = self.time
         self._starting = None
         self._late.clear()
 
-    # ------------------------------------------------------------ time
-
     def advance(self) -> None:
-        """Move on by one interpolation period."""
+        """Simulate one interpolation period."""
         self._ticks += 1
         self._start_up()
-        playing = self.playing and not self.not_ready
+        playing = self.playing and not self.pendant.not_ready
         for group in self._groups:
             if not self.playing:
                 group.forget()
@@ -273,17 +272,19 @@ class VirtualController(Pendant):
         self.trace.append((self.time, *self._under_way[-1]))
 
     def late_replies(self) -> list[Message]:
-        """Replies that took the controller time; each is given once."""
+        """Return the replies of requests that took time; each is returned once."""
         late, self._late = self._late, []
         return late
 
     def feedback(
         self, positions: ArrayLike | None = None, velocities: ArrayLike | None = None
     ) -> list[Message]:
-        """One set of feedback: one message per group, one for all unless it knows groups alone, the status.
+        """Return a set of feedback: a message per group, one for all groups unless it accepts
+        groups only, and the status.
 
         Args:
-            positions, velocities: (13,) measured, rad and rad/s; where left out, those the axes are told.
+            positions, velocities: (13,) measured, rad and rad/s; None is `axis_positions`,
+                `axis_velocities`.
         """
         q = self.axis_positions if positions is None else np.asarray(positions, dtype=float)
         v = self.axis_velocities if velocities is None else np.asarray(velocities, dtype=float)
@@ -297,20 +298,18 @@ class VirtualController(Pendant):
             messages.append(MultiFeedback(bodies).to_message())
         return [*messages, self._status(q).to_message()]
 
-    # ------------------------------------------------------------ messages
-
     def handle_io(self, message: Message | Unread) -> list[Message]:
-        """Answer a message on the connection for inputs and outputs."""
+        """Return the replies to a message on the I/O connection."""
         if isinstance(message, Unread):
             return [self._io.refusal(message.subcode)]
         self.messages.append((self.time, message))
         return self._io.answer(message)
 
     def handle_motion(self, message: Message | Unread) -> list[Message]:
-        """Answer a message on the motion connection.
+        """Return the replies to a message on the motion connection.
 
-        START_TRAJ_MODE is answered by `late_replies`; DISCONNECT with empty queues is not (but in 2013), and the
-        connection ends.
+        The reply to START_TRAJ_MODE may follow in `late_replies`. DISCONNECT with empty queues has
+        no reply, except with the firmware of 2013, and the connection ends.
         """
         if isinstance(message, Unread):
             return self._said(_unread(message, self.settings.firmware))
@@ -329,7 +328,7 @@ class VirtualController(Pendant):
                 points = MultiPoint.of(_known_fields(message, range(12, len(message.body), 132)))
                 group, *result = self._take(points.groups, points.sequence, several=True)
                 return self._said(_reply(group, points.sequence, kind, *result))
-        except WireError:  # no group at all: nothing sets a reply, the one before is sent once more
+        except WireError:  # invalid: the last reply is sent again
             return [] if self._previous is None else [self._previous]
         return self._said(_reply(-1, -1, kind, Result.INVALID, Subcode.INVALID_TYPE))
 
@@ -340,8 +339,10 @@ class VirtualController(Pendant):
     def _take(
         self, points: tuple[GroupPoint, ...], sequence: int, several: bool = False
     ) -> tuple[int, int, int]:
-        """Take points of one sequence number, in order; the group that the reply names, result and subcode."""
-        if subcode := self.not_ready:
+        """Process points of one sequence number, in order; return group, result and sub-code of the
+        reply.
+        """
+        if subcode := self.pendant.not_ready:
             return points[-1].group, Result.NOT_READY, subcode
         for point in points:
             if not 0 <= point.group < len(self._groups):
@@ -350,7 +351,7 @@ class VirtualController(Pendant):
                 return point.group, Result.BUSY, 0
             if point.time is None or point.positions is None or point.velocities is None:
                 return point.group, Result.INVALID, Subcode.INVALID_INSUFFICIENT
-            if not several and point.time >= LONGEST:
+            if not several and point.time >= LONGEST_TIME_S:
                 return point.group, Result.INVALID, Subcode.INVALID_TIME
         for point in points:
             group = self._groups[point.group]
@@ -381,82 +382,87 @@ class VirtualController(Pendant):
         )
 
     def _command(self, asked: MotionControl) -> list[Message]:
-        """Answer a command about motion."""
+        """Return the replies to a command."""
         if asked.command == Command.START_TRAJ_MODE:
             return self._start(asked)
         result, subcode = Result.SUCCESS, 0
         if asked.command == Command.CHECK_MOTION_READY:
-            subcode = self.not_ready
+            subcode = self.pendant.not_ready
             result = Result.FAILURE if subcode else Result.SUCCESS
-            if self.settings.firmware == "2013":
-                subcode = 0  # which does not say why
+            if self.settings.firmware == Firmware.OF_2013:
+                subcode = 0  # which sends no reason
         elif asked.command == Command.CHECK_QUEUE_COUNT:
             known = 0 <= asked.group < len(self._groups)
             subcode = self.queued[asked.group] if known else -1
             result = Result.SUCCESS if known else Result.FAILURE
         elif asked.command == Command.CHECK_SYNCHRO and self.settings.synchro:
-            # ASSUMED: drained are groups whose points are wholly in their queues.
+            # ASSUMED: synchronous are groups whose points are completely in their queues.
             subcode = sum(group.busy for group in self._groups)
             result = Result.FAILURE if subcode else Result.SUCCESS
         elif asked.command == Command.STOP_MOTION:
             self.stop()
             self.audit.stopped()
         elif asked.command == Command.START_SERVOS:
-            result = Result.FAILURE if self.not_startable else Result.SUCCESS
-            self.servo = self.servo or not self.not_startable
+            result = Result.FAILURE if self.pendant.not_startable else Result.SUCCESS
+            self.pendant.servo = self.pendant.servo or not self.pendant.not_startable
         elif asked.command == Command.STOP_SERVOS:
-            self.switch_servo_off()
+            self.pendant.switch_servo_off()
         elif asked.command == Command.RESET_ALARM:
-            result = Result.SUCCESS if self.reset_alarm() else Result.FAILURE
+            result = Result.SUCCESS if self.pendant.reset_alarm() else Result.FAILURE
         elif asked.command in (Command.STOP_TRAJ_MODE, Command.DISCONNECT):
             if any(self.queued):
                 result = Result.FAILURE
             else:
-                self.trajectory_mode = False
+                self.pendant.trajectory_mode = False
                 self.stop()
-                if asked.command == Command.DISCONNECT and self.settings.firmware != "2013":
+                if (
+                    asked.command == Command.DISCONNECT
+                    and self.settings.firmware != Firmware.OF_2013
+                ):
                     return []
-        else:  # its switch has no other case: the reply before is sent once more
+        else:  # unknown: the last reply is sent again
             return [] if self._previous is None else [self._previous]
         return self._said(_reply(asked.group, asked.sequence, asked.command, result, subcode))
 
     def _start(self, asked: MotionControl) -> list[Message]:
-        """Begin to start trajectory mode, unless it is on or cannot be."""
+        """Begin to start trajectory mode, unless it is on or cannot be started."""
         answer = asked.group, asked.sequence, asked.command
-        if not self.not_ready:
+        if not self.pendant.not_ready:
             return self._said(_reply(*answer, Result.SUCCESS))
-        if not (self.e_stop or self.hold or not self.remote):  # which an operator has to end first
-            self.reset_alarm()
-        if self.not_startable:
-            return self._said(_reply(*answer, Result.NOT_READY, self.not_ready))
+        if not (
+            self.pendant.e_stop or self.pendant.hold or not self.pendant.remote
+        ):  # conditions that an operator has to end
+            self.pendant.reset_alarm()
+        if self.pendant.not_startable:
+            return self._said(_reply(*answer, Result.NOT_READY, self.pendant.not_ready))
         if self._starting is None:
             self.stop()
             for group in self._groups:
                 group.rebase()
-            servos = 0.0 if self.servo else self.settings.servo_time
+            servos = 0.0 if self.pendant.servo else self.settings.servo_time
             self._starting = asked, self.time + servos + self.settings.job_time
         return []
 
     def _start_up(self) -> None:
-        """Go on with the start of trajectory mode."""
+        """Continue the start of trajectory mode."""
         if self._starting is None:
             return
         asked, end = self._starting
         answer = asked.group, asked.sequence, asked.command
-        if self.not_startable:
-            self._late += self._said(_reply(*answer, Result.NOT_READY, self.not_ready))
+        if self.pendant.not_startable:
+            self._late += self._said(_reply(*answer, Result.NOT_READY, self.pendant.not_ready))
             self._starting = None
             return
-        if not self.servo and self.time >= end - self.settings.job_time:
-            self.servo = True
+        if not self.pendant.servo and self.time >= end - self.settings.job_time:
+            self.pendant.servo = True
         if self.time >= end:
-            self.trajectory_mode = True
+            self.pendant.trajectory_mode = True
             self._late += self._said(_reply(*answer, Result.SUCCESS))
             self._starting = None
 
 
 def _known_fields(message: Message, places: Iterable[int]) -> Message:
-    """The message without bits of valid fields that have no meaning, which the firmware does not mind."""
+    """Return the message without undefined bits of valid fields, which the firmware ignores."""
     body = bytearray(message.body)
     for place in places:
         body[place : place + 4] = (body[place] & 15).to_bytes(4, "little")
@@ -464,15 +470,16 @@ def _known_fields(message: Message, places: Iterable[int]) -> Message:
 
 
 def _reply(group: int, sequence: int, command: int, result: int, subcode: int = 0) -> Message:
-    """A motion reply; its header says success whatever the result."""
-    told = MotionReply(group, sequence, command, result, subcode)
-    return told.to_message(reply=ReplyCode.SUCCESS)
+    """Return a motion reply; its header states success for every result."""
+    answer = MotionReply(group, sequence, command, result, subcode)
+    return answer.to_message(reply=ReplyCode.SUCCESS)
 
 
 def _unread(unread: Unread, firmware: str) -> Message:
-    """The reply to bytes that are no whole message; it repeats what stands where its numbers would be.
+    """Return the reply to bytes that are not a complete message; it repeats the bytes where its
+    numbers would be.
 
-    Its group is 0 in place of what was sent, but in the firmware of 2013.
+    Its group is 0, except with the firmware of 2013.
     """
     head = unread.head
     known = {
@@ -490,5 +497,5 @@ def _unread(unread: Unread, firmware: str) -> Message:
         else value
         for place, value in zip(places, (0, 0, head.type), strict=True)
     )
-    group = group if firmware == "2013" else 0
+    group = group if firmware == Firmware.OF_2013 else 0
     return _reply(group, sequence, command, Result.INVALID, unread.subcode)

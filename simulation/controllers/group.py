@@ -1,9 +1,10 @@
-"""One control group of the virtual controller: points become increments, increments move the axes.
+"""A control group of the virtual controller: points become increments, increments move the axes.
 
-It behaves as MotoROS 1.9.12 does (ros-industrial/motoman, MotionServer.c, read and not copied): a point's time is cut
-to whole milliseconds, increments are those of one interpolation period of a cubic, parts of a period are put together
-when they are run, and what was taken is only worked into the queue at the next period: until then the group is busy.
-Positions, speeds between points, numbers that are not finite and the order of sequence numbers are not checked.
+It behaves as MotoROS 1.9.12 (ros-industrial/motoman, MotionServer.c, read and not copied): a
+point's time is cut to whole milliseconds, an increment is one interpolation period of a cubic,
+parts of a period are run together, and an accepted point enters the queue in the next period: until
+then the group is busy. Positions, speeds between points, numbers that are not finite and the order
+of sequence numbers are not checked.
 """
 
 from collections import deque
@@ -16,23 +17,23 @@ from numpy.typing import NDArray
 from unwrinkle.hardware.motoros.wire import GroupPoint, Subcode
 from unwrinkle.models.arrays import Array
 
-#: Trajectories of four hours and more are refused.
-LONGEST = 14400.0
-# A queue that runs out slower than this runs out at rest, rad/s.
-_AT_REST = 1e-4
-# As far as 32-bit pulses reach, rad.
-_FARTHEST = 1e5
+#: Times of points from here on are refused, s.
+LONGEST_TIME_S = 14400.0
+#: Largest speed at which a queue that runs out is no underrun, rad/s.
+_REST_SPEED_RAD_S = 1e-4
+#: Range of 32-bit pulses, rad.
+_PULSE_RANGE_RAD = 1e5
 
 
 @dataclass(frozen=True, eq=False)
 class Axes:
-    """What a group's axes can do, each (A,).
+    """Limits of a group's axes, (A,) each.
 
     Attributes:
         indices: among the robot's axes.
-        velocity: above which a point's speed, cut to whole rad/s, is refused.
-        braking: of servos whose commands have ended, rad/s^2.
-        start: most that the first point may lie off, rad.
+        velocity: greatest speed of a point, cut to whole rad/s, that is not refused, rad/s.
+        braking: deceleration of servos without commands, rad/s^2.
+        start: largest distance of the first point, rad.
         moved: whether the firmware sends the group's increments to the servos.
     """
 
@@ -45,7 +46,9 @@ class Axes:
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """A point as the firmware keeps it: time in whole ms, positions and velocities (A,)."""
+    """A point as the firmware stores it: time, whole ms, positions, rad, and velocities, rad/s,
+    (A,).
+    """
 
     time: int
     positions: Array
@@ -54,7 +57,9 @@ class _Point:
 
 @dataclass(frozen=True, eq=False)
 class _Increment:
-    """What the axes move within one period, or a part of it: its end in ms, way and speed at the end (A,)."""
+    """Motion of the axes within one period or a part of it: its end, ms, way, rad, and velocities
+    at the end, rad/s, (A,).
+    """
 
     end: int
     way: Array
@@ -62,53 +67,60 @@ class _Increment:
 
 
 class ControlGroup:
-    """Takes points, makes increments of one interpolation period, and moves its axes.
+    """Accepts points, converts them to increments of one interpolation period, and moves its axes.
 
     Attributes:
-        axes: what they can do.
+        axes: limits.
         positions, velocities: (A,) commanded now, rad and rad/s.
-        underruns: how often the queue ran out in motion.
+        underruns: number of times that the queue ran out during motion.
     """
 
     def __init__(self, axes: Axes, start: Array, period: int, depth: int) -> None:
-        """Stand at start (A,); the period of interpolation is in ms, the queue holds `depth` increments."""
+        """Begin at rest.
+
+        Args:
+            axes: limits.
+            start: (A,) positions, rad.
+            period: of interpolation, ms.
+            depth: increments that the queue holds.
+        """
         self.axes = axes
         self._period, self._depth = period, depth
         self.positions = start.copy()
         self.velocities = np.zeros_like(start)
         self.underruns = 0
         self._queue: deque[_Increment] = deque()
-        self._run = 0  # time up to which increments were run, ms
-        self._pending: _Point | None = None  # taken, not wholly in the queue yet
-        self._from: _Point | None = None  # where the pending point's cubic begins
-        self._at = _Point(0, start.copy(), np.zeros_like(start))  # of the last increment made
-        self._leftover = 0  # of a period that the last increment has begun, ms
-        self._made = start.copy()  # positions up to which increments were made
-        self._jammed = False  # its queue is read no more
+        self._run = 0  # time up to which increments have been run, ms
+        self._pending: _Point | None = None  # accepted, not completely in the queue yet
+        self._from: _Point | None = None  # begin of the pending point's cubic
+        self._at = _Point(0, start.copy(), np.zeros_like(start))  # end of the last increment made
+        self._leftover = 0  # rest of a period that the last increment has begun, ms
+        self._made = start.copy()  # positions up to which increments have been made
+        self._jammed = False  # the queue is not read any more
         self._braking = True  # the queue was emptied, or has run out
 
     @property
     def count(self) -> int:
-        """Increments that wait."""
+        """Queued increments."""
         return len(self._queue)
 
     @property
     def ahead(self) -> float:
-        """Motion that waits in the queue, s."""
+        """Duration of the queued motion, s."""
         return 1e-3 * (self._queue[-1].end - self._run) if self._queue else 0.0
 
     @property
     def busy(self) -> bool:
-        """Whether the point before is not wholly in the queue yet."""
+        """Whether the last point is not completely in the queue yet."""
         return self._pending is not None
 
     @property
     def moving(self) -> bool:
-        """Whether increments wait or an axis moves."""
+        """Whether increments are queued or an axis moves."""
         return bool(self._queue) or self.busy or bool(self.velocities.any())
 
     def first(self, point: GroupPoint) -> int:
-        """Take a trajectory's first point; why it is refused, a `Subcode`, else 0."""
+        """Process a trajectory's first point; return the `Subcode` of a refusal, else 0."""
         start = self._read(point)
         self._at, self._leftover, self._run = start, 0, start.time
         self._made = self.positions.copy()
@@ -117,7 +129,9 @@ class ControlGroup:
         return self._too_fast(start)
 
     def add(self, point: GroupPoint) -> int:
-        """Take a further point; why it is refused, a `Subcode`, else 0. It must not be busy."""
+        """Process a further point; return the `Subcode` of a refusal, else 0. The group must not be
+        busy.
+        """
         found = self._read(point)
         if subcode := self._too_fast(found):
             return subcode
@@ -125,14 +139,14 @@ class ControlGroup:
         return 0
 
     def clear(self) -> None:
-        """Empty the queue; the axes brake if they move."""
+        """Empty the queue; moving axes brake."""
         self._queue.clear()
         self._pending = self._from = None
         self._jammed = False
         self._braking = True
 
     def rebase(self) -> None:
-        """Reckon the next increment from where the axes are commanded to stand."""
+        """Compute the next increment from the commanded positions."""
         self._made = self.positions.copy()
 
     def forget(self) -> None:
@@ -140,7 +154,7 @@ class ControlGroup:
         self._pending = self._from = None
 
     def work(self) -> None:
-        """Put the point that was taken into the queue, as far as it has room."""
+        """Convert the accepted point to queued increments, as far as the queue has room."""
         if self._pending is None:
             return
         end = self._pending
@@ -153,7 +167,7 @@ class ControlGroup:
         self._pending = self._from = None
 
     def advance(self, playing: bool) -> None:
-        """Move on by one interpolation period; `playing`: increments are run."""
+        """Simulate one interpolation period; `playing`: queued increments are run."""
         if not playing or self._jammed or not self._queue:
             self._brake()
             return
@@ -167,31 +181,31 @@ class ControlGroup:
         if self.axes.moved:
             self.positions = self.positions + way
             self.velocities = taken.velocities.copy()
-        elif (
-            way.any()
-        ):  # its pulses are missed, and no more are read until they are made up for: never
+        elif way.any():  # the firmware waits for ever for the pulses that the group does not move
             self._jammed = True
 
     def _read(self, point: GroupPoint) -> _Point:
         assert point.time is not None and point.positions is not None
         assert point.velocities is not None
         size = len(self.positions)
-        # Of a float32, with no rounding before the cut; what is no number becomes 0, as a processor's conversion may.
+        # From float32, cut without rounding; NaN becomes 0, as the conversion of a processor may
+        # give.
         scaled = 1000.0 * float(np.float32(point.time))
         time = int(scaled) if isfinite(scaled) else 0
-        # Pulses are 32-bit numbers: what is no number, or beyond them, becomes the least or the greatest.
-        positions = np.nan_to_num(np.array(point.positions[:size]), nan=-_FARTHEST)
+        # Pulses are 32-bit numbers: NaN becomes the least one, values beyond their range the least
+        # or the greatest.
+        positions = np.nan_to_num(np.array(point.positions[:size]), nan=-_PULSE_RANGE_RAD)
         velocities = np.nan_to_num(np.array(point.velocities[:size]))
-        kept = np.clip((positions, velocities), -_FARTHEST, _FARTHEST)
+        kept = np.clip((positions, velocities), -_PULSE_RANGE_RAD, _PULSE_RANGE_RAD)
         return _Point(time, kept[0], kept[1])
 
     def _too_fast(self, point: _Point) -> int:
-        # Its abs is that of integers: 1.99 rad/s counts as 1.
+        # The firmware uses the abs of integers: 1.99 rad/s counts as 1.
         over = np.trunc(np.abs(point.velocities)) > self.axes.velocity
         return Subcode.INVALID_SPEED if over.any() else 0
 
     def _next(self, start: _Point, end: _Point) -> _Increment:
-        """The next increment of the cubic from a point to the pending one."""
+        """Return the next increment of the cubic between two points."""
         step = self._leftover or self._period
         time = self._at.time + step
         if time < end.time:
@@ -207,10 +221,10 @@ class ControlGroup:
         return _Increment(self._at.time, way, self._at.velocities)
 
     def _brake(self) -> None:
-        """Slow down as servos do whose commands have ended."""
+        """Decelerate as servos without commands do."""
         if not self.velocities.any():
             return
-        if not self._braking and np.abs(self.velocities).max() > _AT_REST:
+        if not self._braking and np.abs(self.velocities).max() > _REST_SPEED_RAD_S:
             self.underruns += 1
         self._braking = True
         step = 1e-3 * self._period
@@ -221,7 +235,9 @@ class ControlGroup:
 
 
 def _cubic(start: _Point, end: _Point, time: int) -> tuple[Array, Array]:
-    """Positions and velocities of the cubic between two points at a time in ms."""
+    """Return positions, rad, and velocities, rad/s, (A,), of the cubic between two points at a
+    time, ms.
+    """
     step = 1e-3 * (end.time - start.time)
     u = 1e-3 * (time - start.time)
     slope = (end.positions - start.positions) / step

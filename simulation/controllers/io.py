@@ -21,8 +21,10 @@ from unwrinkle.hardware.motoros.wire import (
     WriteIoReply,
 )
 
-# First and last address of a DX100; the last digit is a bit, 0 to 7.
-_OUTPUTS, _NETWORK_INPUTS, _PANEL = (10010, 12567), (25010, 27567), (60010, 60647)
+# First and last addresses of a DX100; the last digit is a bit, 0 to 7.
+_OUTPUTS = (10010, 12567)
+_NETWORK_INPUTS = (25010, 27567)
+_PANEL = (60010, 60647)
 _WRITABLE = (_OUTPUTS, _NETWORK_INPUTS, _PANEL)
 _READABLE = (
     *_WRITABLE,
@@ -43,19 +45,19 @@ def _known(address: int, ranges: tuple[tuple[int, int], ...]) -> bool:
 
 
 class InputsAndOutputs:
-    """Answers what the I/O connection asks.
+    """Digital inputs and outputs, and the replies of the I/O connection.
 
     Attributes:
-        inputs, outputs: 0 or 1 by address; what is not in there is 0.
+        inputs, outputs: 0 or 1 by address; 0 if missing.
     """
 
     def __init__(self) -> None:
-        """All off."""
+        """Begin with everything off."""
         self.inputs: dict[int, int] = {}
         self.outputs: dict[int, int] = {}
 
     def answer(self, message: Message) -> list[Message]:
-        """The reply to one message."""
+        """Return the reply to a message."""
         try:
             if message.type == MessageType.READ_IO_BIT:
                 return [self._read(ReadIo.of(message).address)]
@@ -71,7 +73,9 @@ class InputsAndOutputs:
 
     @staticmethod
     def refusal(subcode: int) -> Message:
-        """The reply to what cannot be read: typed and sized as a motion reply, with result and subcode in front."""
+        """Return the reply to bytes that are not a message: a motion reply by type and size, result
+        and sub-code first.
+        """
         body = struct.pack("<2i", Result.INVALID, subcode).ljust(60, b"\0")
         return Message(MessageType.MOTION_REPLY, CommType.REPLY, ReplyCode.SUCCESS, body)
 

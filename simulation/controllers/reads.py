@@ -1,9 +1,12 @@
-"""How the firmware cuts what one read of its socket brings into messages: by each type's size, not by the length word."""
+"""How the firmware cuts the bytes of one read into messages: by each type's size, not by the length
+word.
+"""
 
 import struct
 from dataclasses import dataclass
 
 from unwrinkle.hardware.motoros.wire import Message, MessageType, Subcode
+from unwrinkle.simulation.controllers.settings import Firmware
 
 _HEADER = struct.Struct("<4i")
 _SIZES = {
@@ -29,15 +32,18 @@ _OLD = (
     MessageType.MOTION_CTRL,
     MessageType.MOTION_REPLY,
 )
-_EX_BLOCK, _EX_SLOTS = 132, 4
+#: Bytes of one group in a message for several groups.
+_EX_BLOCK = 132
+#: Group slots of such a message.
+_EX_SLOTS = 4
 
 
 @dataclass(frozen=True)
 class Unread:
-    """Bytes that are answered as invalid, and lost.
+    """Bytes that are answered as invalid and dropped.
 
     Attributes:
-        head: what the firmware takes for their header; the reply repeats some of it.
+        head: their first bytes, read as a header; the reply repeats some of it.
         subcode: of the reply.
         name: "size" or "type", for the record.
     """
@@ -48,16 +54,16 @@ class Unread:
 
 
 def read_messages(data: bytes, firmware: str) -> list[Message | Unread]:
-    """Messages of one read, in order.
+    """Return the messages of one read, in order.
 
-    MotoROS 1.9.12 takes whole messages that came together; a part of one is answered and lost. The firmware of 2013
-    takes a read that is exactly one message, else nothing of it.
+    MotoROS 1.9.12 accepts complete messages that came together; a part of one is answered and
+    dropped. The firmware of 2013 accepts a read that is exactly one message, and drops any other.
     """
     found: list[Message | Unread] = []
     while data:
         head = _head(data)
         size = _size(data, head) if len(data) >= _HEADER.size else None
-        if firmware == "2013":
+        if firmware == Firmware.OF_2013:
             known = size is not None and head.type in _OLD
             whole = known and len(data) == size
             found.append(_message(data, head, len(data)) if whole else Unread(head, 0, "size"))
@@ -73,7 +79,7 @@ def read_messages(data: bytes, firmware: str) -> list[Message | Unread]:
             return found
         full = _HEADER.size + 8 + _EX_BLOCK * _EX_SLOTS
         if head.type == MessageType.JOINT_TRAJ_PT_FULL_EX and len(data) == full:
-            size = full  # four slots, whether used or not
+            size = full  # four slots, used or not
         found.append(_message(data, head, size))
         data = data[size:]
     return found
@@ -89,10 +95,12 @@ def _message(data: bytes, head: Message, size: int) -> Message:
 
 
 def _size(data: bytes, head: Message) -> int | None:
-    """Bytes of the message that begins here, its length word included; None of an unknown type."""
+    """Return the size of the message that begins here, bytes, with its length word; None for an
+    unknown type.
+    """
     if head.type == MessageType.JOINT_TRAJ_PT_FULL_EX:
         count = struct.unpack_from("<i", data, _HEADER.size)[0] if len(data) >= 20 else _EX_SLOTS
-        # A count that cannot be is taken for a message that is not whole.
+        # An impossible count counts as an incomplete message.
         return _HEADER.size + 8 + _EX_BLOCK * (count if 0 <= count <= _EX_SLOTS else 1 << 20)
     try:
         return _HEADER.size + _SIZES[MessageType(head.type)]

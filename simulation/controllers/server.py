@@ -1,4 +1,6 @@
-"""The virtual controller on the network: three ports, as a DX100 with MotoROS has them, and its faults."""
+"""The virtual controller on the network: the three ports of a DX100 with MotoROS, and injected
+faults.
+"""
 
 import select
 import socket
@@ -22,7 +24,7 @@ from unwrinkle.models.errors import HardwareError
 from unwrinkle.simulation.controllers.connection import Connection
 from unwrinkle.simulation.controllers.controller import AXES, GROUP_AXES, VirtualController
 from unwrinkle.simulation.controllers.faults.feedback import FeedbackFaults
-from unwrinkle.simulation.controllers.faults.kinds import KINDS, Faults, ServerFault, spoilt
+from unwrinkle.simulation.controllers.faults.kinds import KINDS, Faults, ServerFault, corrupted
 from unwrinkle.simulation.controllers.faults.replies import (
     begin_on_pendant,
     end_on_pendant,
@@ -31,19 +33,21 @@ from unwrinkle.simulation.controllers.faults.replies import (
     with_wrong_sequence,
 )
 from unwrinkle.simulation.controllers.reads import Unread, read_messages
+from unwrinkle.simulation.controllers.settings import Firmware
 
 __all__ = ["KINDS", "ControllerServer", "ServerFault"]
 
 
 MOTION, STATE, IO = "motion", "state", "io"
+#: Limits of clients.
 _MOST_CONNECTIONS = {MOTION: 1, STATE: 4, IO: 1}
-#: Bytes that one read brings at most: the room for one message of each firmware.
-_MOST_READ = {"1.9.12": 552, "2013": 152}
-#: Reads of one connection in one poll.
+#: Bytes of one read at most: the receive buffer of each firmware.
+_MOST_READ = {Firmware.MOTOROS_1_9_12: 552, Firmware.OF_2013: 152}
+#: Limit of reads of one connection in one poll.
 _MOST_READS = 32
-#: After a gap in its polls the controller makes up so much, s.
-_MADE_UP = 1.0
-# Each axis' group and its place in it.
+#: Longest time that is simulated after a gap between polls, s.
+_LONGEST_CATCH_UP_S = 1.0
+#: Group of each axis, and its slot in that group.
 _PLACES = [
     next((g, axes.index(axis)) for g, axes in enumerate(GROUP_AXES) if axis in axes)
     for axis in range(AXES)
@@ -54,10 +58,10 @@ class ControllerServer:
     """Serves one virtual controller.
 
     Attributes:
-        controller: that it serves.
+        controller: served.
         ports: of motion, state and I/O.
-        rejected: what was no message: name of the port, and "size" or "type".
-        events: what happened, with the time since the first poll, s; the newest thousand.
+        rejected: invalid bytes: name of the port, and "size" or "type".
+        events: time since the first poll, s, and a sentence; the newest thousand.
     """
 
     def __init__(
@@ -73,17 +77,17 @@ class ControllerServer:
             controller: to serve.
             host: address to listen on.
             ports: of motion, state and I/O; 0 lets the system choose.
-            faults: to commit.
+            faults: to inject.
 
         Raises:
-            HardwareError: a port is taken, or the address is not this machine's.
+            HardwareError: a port is in use, or the address is not this machine's.
         """
         self.controller = controller
         self.rejected: deque[tuple[str, str]] = deque(maxlen=1000)
         self.events: deque[tuple[float, str]] = deque(maxlen=1000)
         self._faults = Faults(faults)
         self._feedback = FeedbackFaults(self._faults)
-        self._most_read = _MOST_READ[controller.settings.firmware]
+        self._most_read = _MOST_READ[Firmware(controller.settings.firmware)]
         self._random = np.random.default_rng(0)
         self._tiny = any(fault.kind == "tiny_buffers" for fault in faults)
         self._listeners: dict[str, socket.socket] = {}
@@ -92,7 +96,6 @@ class ControllerServer:
         self._now = 0.0
         self._ticks = self._sets = 0
         self._release = float("inf")
-        self._told = ""
         try:
             for name, port in zip((MOTION, STATE, IO), ports, strict=True):
                 self._listeners[name] = self._listen(host, port, name)
@@ -130,11 +133,11 @@ class ControllerServer:
         measured: ArrayLike | None = None,
         velocities: ArrayLike | None = None,
     ) -> None:
-        """Move on to a time: accept, read, answer, interpolate, send feedback. Never blocks.
+        """Simulate up to a time: accept, read, reply, interpolate, send feedback. Never blocks.
 
         Args:
             now: of any monotonic clock, s.
-            measured, velocities: (13,) of the axes now, rad and rad/s; where left out, those the axes are told.
+            measured, velocities: (13,) of the axes now, rad and rad/s; None is as commanded.
         """
         if self._first is None:
             self._first = now
@@ -152,15 +155,15 @@ class ControllerServer:
             self._forget_closed(name)
 
     def answer(self) -> None:
-        """Accept, read and answer what has come by now, without moving on."""
+        """Accept clients, and read and answer their messages, without simulating time."""
         for name in (MOTION, STATE, IO):
             self._read(name)
             if self._accept(name):
                 self._read(name)
-        self._go_on()
+        self._answer_waiting()
 
     def wait(self, most: float) -> None:
-        """Wait until somebody connects or sends, for at most so long, s: a controller answers at once."""
+        """Wait at most `most`, s, until a client connects or sends; controllers reply at once."""
         links = [link for found in self.links.values() for link in found if not link.closed]
         with suppress(OSError, ValueError):  # closed meanwhile
             ends = [link.fileno() for link in links]
@@ -168,16 +171,16 @@ class ControllerServer:
             select.select(ends, [], [], most)
 
     def commit(self, fault: ServerFault) -> None:
-        """Take on a further fault; its times are those of this server's clock, as ever."""
+        """Add a fault; its times count from the server's first poll."""
         self._faults.add(fault)
 
     def stop_listening(self, name: str) -> None:
-        """Close the port "motion", "state" or "io": nobody listens there any more."""
+        """Close the port "motion", "state" or "io"; new connections are refused."""
         if listener := self._listeners.pop(name, None):
             listener.close()
 
     def close(self) -> None:
-        """Close every connection and port; a second time changes nothing."""
+        """Close every connection and port; a second call changes nothing."""
         for connections in self._connections.values():
             for connection in connections:
                 connection.link.close()
@@ -185,8 +188,6 @@ class ControllerServer:
         for listener in self._listeners.values():
             listener.close()
         self._listeners.clear()
-
-    # ------------------------------------------------------------ connections
 
     def _listen(self, host: str, port: int, name: str) -> socket.socket:
         listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
@@ -207,7 +208,7 @@ class ControllerServer:
         return listener
 
     def _accept(self, name: str) -> bool:
-        """Take new clients; whether there are any."""
+        """Accept new clients; return whether there are any."""
         new = False
         for _ in range(8):
             try:
@@ -217,20 +218,22 @@ class ControllerServer:
             link = TcpLink(accepted, f"{name} client {address[0]}:{address[1]}")
             connections = self._connections[name]
             full = len(connections) >= _MOST_CONNECTIONS[name]
-            newer = self.controller.settings.firmware != "2013"  # which keeps the older one
+            newer = (
+                self.controller.settings.firmware != Firmware.OF_2013
+            )  # which keeps the older one
             if full and newer and not any(self.controller.queued):
                 connections[0].link.close(f"replaced by another {name} connection")
                 self._forget_closed(name)
             ending = name == MOTION and self.controller.parting and any(self.controller.queued)
             if ending or len(connections) >= _MOST_CONNECTIONS[name]:
                 link.close(f"more than {_MOST_CONNECTIONS[name]} {name} connections")
-                self._tell(f"{link.name} refused: {link.closed}")
+                self._event(f"{link.name} refused: {link.closed}")
                 continue
             connections.append(Connection(link))
-            self._tell(f"{link.name} connected")
+            self._event(f"{link.name} connected")
             if name == MOTION:
                 if any(self.controller.queued):
-                    self._tell("increments that were left in the queues are run")
+                    self._event("increments that were left in the queues are run")
                 self.controller.connection_made()
             new = True
         return new
@@ -239,41 +242,38 @@ class ControllerServer:
         connections = self._connections[name]
         for connection in [c for c in connections if c.link.closed]:
             connections.remove(connection)
-            who, why = connection.link.name, connection.link.closed
-            self._tell(why if why.startswith(who) else f"{who}: {why}")
+            self._event(f"{connection.link.name}: {connection.link.closed}")
             if name == MOTION:
                 self.controller.connection_lost()
                 if any(self.controller.queued):
-                    self._tell("the queues are not empty; they are run at the next connection")
+                    self._event("the queues are not empty; they are run at the next connection")
 
-    def _tell(self, text: str) -> None:
+    def _event(self, text: str) -> None:
         self.events.append((self._now, text))
 
-    # ------------------------------------------------------------ messages
-
     def _read(self, name: str) -> None:
-        """Read what has come and answer it, as the firmware does: read by read."""
+        """Read and answer, one read at a time as the firmware does."""
         silent = self._faults.any_of("silent", f"silent_{name}") is not None
         for connection in self._connections[name]:
             for _ in range(_MOST_READS):
                 if connection.link.closed or (name == MOTION and self.controller.starting):
-                    break  # busy with the start; what comes waits
+                    break  # busy with the start; bytes wait
                 data = self._one_read(connection, name)
                 if not data:
                     break
-                if silent or name == STATE:  # which only tells
+                if silent or name == STATE:  # which answers nothing
                     continue
                 self._take(name, data, connection)
         self._forget_closed(name)
 
-    def _go_on(self) -> None:
-        """Answer messages that came with a start of trajectory mode, once that is done."""
+    def _answer_waiting(self) -> None:
+        """Answer messages that waited for the start of trajectory mode."""
         for connection in self._connections[MOTION]:
             while connection.waiting and not self.controller.starting:
                 self._handle(MOTION, connection.waiting.popleft(), connection)
 
     def _one_read(self, connection: Connection, name: str) -> bytes:
-        """What the next read brings; faults delay it, or cut it in two."""
+        """Return the bytes of the next read; faults delay it, or cut it in two."""
         if slow := self._faults.any_of("slow"):
             connection.credit += slow.value or 16.0
             if connection.credit < self._most_read:
@@ -285,7 +285,7 @@ class ControllerServer:
             connection.rest = b""
             return rest
         if together := self._faults.any_of("coalesce"):
-            # What comes within so long of the first byte is read at once.
+            # Bytes within this time of the first one are read together.
             waits = connection.link.wait(0.0)
             if not waits or connection.link.closed:
                 connection.since = None
@@ -301,7 +301,7 @@ class ControllerServer:
         return data
 
     def _take(self, name: str, data: bytes, connection: Connection) -> None:
-        """Answer one read."""
+        """Answer the messages of one read."""
         found = read_messages(data, self.controller.settings.firmware)
         if name == MOTION and len(found) > 1 and not any(isinstance(m, Unread) for m in found):
             self.controller.audit.several(len(found))
@@ -337,21 +337,19 @@ class ControllerServer:
         self._write(self._connections[name][0], reply, name)
 
     def _write(self, connection: Connection, message: Message, name: str) -> None:
-        data = spoilt(message.encode(), self._faults, name == MOTION, self._random)
+        data = corrupted(message.encode(), self._faults, name == MOTION, self._random)
         connection.send(data, self._faults.any_of("split") is not None)
-
-    # ------------------------------------------------------------ time
 
     def _interpolate(self) -> None:
         period = self.controller.settings.period
         due = floor(self._now / period + 1e-6)
-        self._ticks = max(self._ticks, due - floor(_MADE_UP / period + 1e-6))
+        self._ticks = max(self._ticks, due - floor(_LONGEST_CATCH_UP_S / period + 1e-6))
         while self._ticks < due:
             self._ticks += 1
             self.controller.advance()
 
     def _send_feedback(self, measured: ArrayLike | None, velocities: ArrayLike | None) -> None:
-        """Send a set of feedback each period, never several to make up."""
+        """Send a set of feedback each period; missed sets are skipped."""
         due = floor(self._now / self.controller.settings.feedback_period + 1e-6) + 1
         if due <= self._sets:
             return
@@ -375,24 +373,22 @@ class ControllerServer:
             for message in sets:
                 self._write(connection, message, STATE)
 
-    # ------------------------------------------------------------ faults
-
     def _change_faults(self) -> None:
         controller = self.controller
         begun, ended = self._faults.update(self._now, controller.points)
         for fault in begun:
-            self._tell(f"fault {fault.kind} begins: {KINDS[fault.kind]}")
-            begin_on_pendant(controller, fault)
+            self._event(f"fault {fault.kind} begins: {KINDS[fault.kind]}")
+            begin_on_pendant(controller.pendant, fault)
             if fault.kind == "e_stop_released":
                 self._release = self._now + fault.value
             self._close_for(fault)
         for fault in ended:
-            self._tell(f"fault {fault.kind} ends")
-            end_on_pendant(controller, fault)
+            self._event(f"fault {fault.kind} ends")
+            end_on_pendant(controller.pendant, fault)
         if self._now >= self._release:
             self._release = float("inf")
-            controller.release_e_stop()
-            self._tell("the emergency stop is released")
+            controller.pendant.release_e_stop()
+            self._event("the emergency stop is released")
 
     def _close_for(self, fault: ServerFault) -> None:
         for name, connections in self._connections.items():
@@ -403,7 +399,7 @@ class ControllerServer:
 
 
 def _ends(message: Message | Unread, replies: list[Message]) -> bool:
-    """Whether the message is a DISCONNECT that was not refused."""
+    """Return whether the message is a DISCONNECT that was not refused."""
     if isinstance(message, Unread) or message.type != MessageType.MOTION_CTRL:
         return False
     asked = MotionControl.of(message).command == Command.DISCONNECT

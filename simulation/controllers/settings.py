@@ -1,45 +1,51 @@
-"""What differs between virtual controllers, and what one remembers."""
+"""Settings of a virtual controller, and the record of a point that it accepted."""
 
 from dataclasses import dataclass
+from enum import StrEnum
 from math import isfinite
 
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.site import GROUPS, PULSES_PER_RADIAN, ControllerSite
 
-#: Versions of MotoROS whose behaviour is known.
-FIRMWARE = ("1.9.12", "2013")
+
+class Firmware(StrEnum):
+    """Versions of MotoROS that the virtual controller imitates."""
+
+    MOTOROS_1_9_12 = "1.9.12"
+    OF_2013 = "2013"
 
 
 @dataclass(frozen=True)
 class VirtualControllerSettings:
-    """What differs between controllers. Times in s, angles in rad.
+    """Properties in which controllers differ. Times in s, angles in rad.
 
     Attributes:
-        firmware: "1.9.12" of MotoROS, or that of "2013": it takes one message per read, answers DISCONNECT, keeps the
-            older of two clients, does not say why it is not ready, and hold leaves the queue.
-        period: of interpolation, whole ms. ASSUMED 4 ms, common on a DX100, which reads it at run time; CloPeMa's
-            own file says 8 ms.
-        delay: from an increment to the axes' motion and its feedback: at least 0.15 s was measured on a DX100
-            (ros-industrial/motoman issue 219).
+        firmware: see `Firmware`. That of 2013 accepts one message per read, replies to DISCONNECT,
+            keeps the older of two clients, sends no reason why it is not ready, and hold does not
+            empty the queues.
+        period: of interpolation, whole ms. ASSUMED 4 ms, common on a DX100, which reads it at run
+            time; CloPeMa's own file states 8 ms.
+        delay: from an increment to the axes' motion and its feedback; at least 0.15 s was measured
+            on a DX100 (ros-industrial/motoman issue 219).
         depth: increments that a group's queue holds.
-        start_pulses: most that a first point may lie off.
+        start_pulses: largest distance of a first point, pulses.
         pulses_per_radian: of the turn-table and of S, L, U, R, B, T of both arms, (7,).
-        speed_cap: share of the axes' speed above which a point is refused, its speed cut to whole rad/s (parameters
-            RCnG147).
-        moved: groups whose increments are sent to the servos, of "r1", "r2", "ext_axis"; another one's queue is read no
-            more once it was to move.
-        braking: of servos whose commands have ended, rad/s^2. ASSUMED, for every axis.
+        speed_cap: share of the axes' speed above which a point, its speed cut to whole rad/s, is
+            refused (parameters RCnG147).
+        moved: groups whose increments are sent to the servos, of "r1", "r2", "ext_axis"; the queue
+            of another group is not read any more after its first motion.
+        braking: deceleration of servos without commands, rad/s^2. ASSUMED, for every axis.
         servo_time: until the servos are on. ASSUMED.
         job_time: until the job waits for points. ASSUMED.
-        leaving: after the motion connection has ended the queue is run for so long, then it stays as it is.
+        leaving: time for which the queues are still run after the motion connection has ended.
         accepts: points as "groups" (one message each), "ex" (one for all) or "both".
-        synchro: whether it knows `CHECK_SYNCHRO`, as the CloPeMa controller does.
-        stamps: whether feedback carries the controller's time; MotoROS never does.
+        synchro: whether `CHECK_SYNCHRO` is known, as on the CloPeMa controller.
+        stamps: whether feedback carries the controller's time; MotoROS never sends it.
         feedback_period: between two sets of feedback.
-        keep: messages, points and periods that are remembered, each.
+        keep: limit of stored messages, points and periods, each.
     """
 
-    firmware: str = "1.9.12"
+    firmware: str = Firmware.MOTOROS_1_9_12
     period: float = 0.004
     delay: float = 0.15
     depth: int = 200
@@ -58,10 +64,10 @@ class VirtualControllerSettings:
     keep: int = 20000
 
     def __post_init__(self) -> None:
-        """Refuse settings that no controller has."""
-        if self.firmware not in FIRMWARE:
+        """Check the settings."""
+        if self.firmware not in set(Firmware):
             raise InputError(
-                f"virtual controller: firmware '{self.firmware}'; {' or '.join(FIRMWARE)}"
+                f"virtual controller: firmware '{self.firmware}'; {' or '.join(Firmware)}"
             )
         if self.accepts not in ("groups", "ex", "both"):
             raise InputError(f"virtual controller: accepts '{self.accepts}'; groups, ex or both")
@@ -81,7 +87,7 @@ class VirtualControllerSettings:
 
     @classmethod
     def of_site(cls, site: ControllerSite) -> "VirtualControllerSettings":
-        """Settings of a controller that a site's keys describe."""
+        """Return the settings of the controller that a site describes."""
         return cls(
             accepts=site.profile,
             synchro=site.synchro != "off",
@@ -94,12 +100,12 @@ class VirtualControllerSettings:
 
 @dataclass(frozen=True)
 class AcceptedPoint:
-    """A trajectory point that was accepted.
+    """An accepted trajectory point.
 
     Attributes:
-        clock: the controller's, s.
+        clock: of the controller, s.
         sequence: of the point.
-        time: from the trajectory's begin as sent, s.
+        time: from the trajectory's begin, as sent, s.
         positions, velocities: of the group's axes, rad and rad/s.
     """
 
@@ -111,5 +117,5 @@ class AcceptedPoint:
 
     @property
     def milliseconds(self) -> int:
-        """The time as the controller takes it."""
+        """Time that the controller uses, cut to whole ms."""
         return int(1000.0 * self.time)

@@ -1,18 +1,32 @@
-"""Two virtual grippers on a CAN bus, which answer as the CloPeMa grippers of 2014 do."""
+"""Two virtual grippers on a CAN bus, with the protocol of the CloPeMa grippers of 2014."""
 
 from dataclasses import dataclass
 from typing import Any
 
 from unwrinkle.models.errors import InputError
 
-#: What can be wrong with them. silent: they answer nothing. no_close: they take the command and do not move. lost_cloth:
-#: what they hold slips, and they close wholly. uncalibrated: they do not know their position.
+#: Faults of the grippers. silent: no replies. no_close: they accept the command and do not move.
+#: lost_cloth: held cloth slips, and they close completely. uncalibrated: their position is not
+#: calibrated, and they do not move.
 FAULTS = ("silent", "no_close", "lost_cloth", "uncalibrated")
 
-_MOTOR, _COMPONENTS, _LIMBS = 0x200, 0x600, 0x1FF
-_ABSOLUTE_PERCENT, _GET_POSITION, _OPEN, _CLOSE, _STOP = 0x02, 0x0D, 0x0F, 0x13, 0x14
-_OPENING, _CALIBRATED, _CLOSING = 0x01, 0x02, 0x20
+#: Component of the motor, and masks of component and limb, in an identifier.
+_MOTOR = 0x200
+_COMPONENTS = 0x600
+_LIMBS = 0x1FF
+#: Commands.
+_ABSOLUTE_PERCENT = 0x02
+_GET_POSITION = 0x0D
+_OPEN = 0x0F
+_CLOSE = 0x13
+_STOP = 0x14
+#: Status bits.
+_OPENING = 0x01
+_CALIBRATED = 0x02
+_CLOSING = 0x20
+#: Position of closed blades, parts in ten thousand.
 _FULL = 10000
+#: Limit of frames per poll.
 _MOST_FRAMES = 512
 
 
@@ -23,12 +37,13 @@ class _Jaw:
 
 
 class VirtualCanGrippers:
-    """Both grippers, polled on whatever clock `now` is.
+    """Both grippers, polled on any clock.
 
     Attributes:
-        faults: what is wrong with them, of `FAULTS`; may be changed at any time.
-        cloth: whether there is cloth to be held, right and left; may be changed at any time.
-        commands: (limb, data) of every motor command but questions, newest last (the last 1000).
+        faults: of `FAULTS`; may be changed at any time.
+        cloth: whether there is cloth between the blades, right and left; may be changed at any
+            time.
+        commands: (limb, data) of every motor command except reads, newest last; the last 1000.
     """
 
     def __init__(
@@ -42,16 +57,17 @@ class VirtualCanGrippers:
         steps: int = 2000,
         faults: tuple[str, ...] = (),
     ) -> None:
-        """Stand open.
+        """Begin with open blades.
 
         Args:
             bus: of python-can, open.
             limbs: codes of the right and the left gripper.
-            cloth: whether there is cloth to be held.
-            stroke_time: of a whole stroke, s.
-            thickness: so far before full closure blades stop at cloth, of one part in ten thousand.
-            steps: of the motor in a whole stroke.
-            faults: what is wrong with them.
+            cloth: whether there is cloth between the blades.
+            stroke_time: of a full stroke, s.
+            thickness: distance from full closure at which blades stop at cloth, parts in ten
+                thousand.
+            steps: of the motor in a full stroke.
+            faults: of `FAULTS`.
 
         Raises:
             InputError: an unknown fault.
@@ -77,7 +93,7 @@ class VirtualCanGrippers:
         return self._jaws[0].position, self._jaws[1].position
 
     def poll(self, now: float) -> None:
-        """Move on to a time, s, and answer what has come."""
+        """Advance to a time, s, and reply to received frames."""
         elapsed = 0.0 if self._now is None else max(now - self._now, 0.0)
         self._now = now
         for index, jaw in enumerate(self._jaws):
@@ -92,7 +108,7 @@ class VirtualCanGrippers:
                 self._obey(self._limbs.index(limb), limb, bytes(frame.data))
 
     def _end(self, index: int, jaw: _Jaw) -> float:
-        """How far a jaw can go towards its goal."""
+        """Return the position that a jaw can reach towards its goal."""
         held = self.cloth[index] and "lost_cloth" not in self.faults
         return min(jaw.goal, _FULL - self._thickness) if held else jaw.goal
 

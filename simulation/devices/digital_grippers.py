@@ -1,4 +1,4 @@
-"""Virtual grippers that a controller's digital outputs close, and whose sensors are its inputs."""
+"""Virtual grippers on a controller's digital outputs, with sensors on its inputs."""
 
 from collections.abc import Mapping
 
@@ -9,15 +9,15 @@ class VirtualDigitalGrippers:
     """A right and a left gripper.
 
     Attributes:
-        commanded: whether the outputs ask to close, right and left.
-        closed: whether they are, after a stroke.
+        commanded: whether the outputs command to close, right and left.
+        closed: whether the grippers are closed, a stroke later.
     """
 
     def __init__(self, site: GripperSite, stroke_time: float = 0.5) -> None:
-        """Stand open.
+        """Begin with open grippers.
 
         Args:
-            site: which outputs close them, which inputs tell.
+            site: addresses of outputs and inputs.
             stroke_time: from a change of the output until the sensors change, s.
         """
         self._site, self._stroke_time = site, stroke_time
@@ -30,15 +30,15 @@ class VirtualDigitalGrippers:
         outputs: Mapping[int, int],
         holding: tuple[bool, bool] = (True, True),
     ) -> dict[int, int]:
-        """Move on to a time.
+        """Advance to a time.
 
         Args:
             now: of any monotonic clock, s.
-            outputs: the controller's, 0 or 1 by address; one that was never written does not close.
+            outputs: of the controller, 0 or 1 by address; one that was never written means open.
             holding: whether there is cloth between the blades, right and left.
 
         Returns:
-            The inputs that the grippers' sensors set, 0 or 1 by address.
+            Inputs set by the grippers' sensors, 0 or 1 by address.
         """
         site = self._site
         commanded, closed = list(self.commanded), list(self.closed)

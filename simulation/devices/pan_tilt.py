@@ -1,4 +1,6 @@
-"""A virtual pan-tilt unit: whole steps, limits, and a place that is not quite the one reported."""
+"""A virtual pan-tilt unit: whole steps, limits, and a repeatability error that its report does not
+show.
+"""
 
 from math import ceil, floor
 
@@ -6,15 +8,15 @@ import numpy as np
 
 from unwrinkle.models.errors import InputError
 
-#: ASSUMED, since no source states it: the motors' repeatability, in steps (standard deviation).
+#: ASSUMED, since no source states it: repeatability of the motors, standard deviation in steps.
 REPEATABILITY = 0.25
 
 
 class VirtualPanTilt:
     """A pan-tilt unit as its driver sees it: positions are whole steps, zero is straight ahead.
 
-    It stands where it was sent but for an error that is drawn anew for each axis that moves, and
-    that its reported position does not show.
+    Each axis comes to rest with a random error, drawn again for each motion, that its reported
+    position does not show.
     """
 
     def __init__(
@@ -31,13 +33,13 @@ class VirtualPanTilt:
         Args:
             step: angle of one step, radians.
             pan, tilt: lower and upper limit, radians.
-            repeatability: standard deviation of where an axis comes to rest, steps; never off by
-                more than three times this.
+            repeatability: standard deviation of an axis' rest position, steps; errors are cut at
+                three times this.
             seed: of those errors.
 
         Raises:
-            InputError: a step that is not positive, limits without zero between them, or a
-                negative repeatability.
+            InputError: a step that is not positive, limits that do not contain zero, or a
+                repeatability not within 0 to 10 steps.
         """
         if not step > 0.0 or not 0.0 <= repeatability <= 10.0:
             raise InputError(
@@ -63,15 +65,15 @@ class VirtualPanTilt:
 
     @property
     def true_angles(self) -> tuple[float, float]:
-        """Pan and tilt where the unit really stands, radians."""
+        """True pan and tilt, with the repeatability error, radians."""
         pan, tilt = (p + r for p, r in zip(self._position, self._rest, strict=True))
         return self.step * pan, self.step * tilt
 
     def move(self, pan: int, tilt: int) -> None:
-        """Go to absolute positions in steps; an axis that is there already stays as it is.
+        """Go to absolute positions in steps; an axis that is there already does not move.
 
         Raises:
-            InputError: no whole number, or beyond the limits; then neither axis has moved.
+            InputError: not a whole number, or beyond the limits; neither axis has moved then.
         """
         wanted = (("pan", pan), ("tilt", tilt))
         for axis, value in wanted:

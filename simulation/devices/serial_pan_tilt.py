@@ -1,8 +1,6 @@
-"""A virtual pan-tilt unit that speaks the PTU-D46's ASCII, on a pseudo-terminal where wanted."""
+"""A virtual pan-tilt unit with the PTU-D46's ASCII protocol, also on a pseudo-terminal."""
 
 import os
-import select
-import time
 import tty
 from contextlib import suppress
 from dataclasses import dataclass
@@ -12,11 +10,12 @@ import numpy as np
 
 from unwrinkle.models.errors import InputError
 
-#: What can be wrong with a unit. silent: answers nothing. noise: random bytes between answers. garbage: random bytes
-#: instead of answers. error: refuses every command. stuck: its motors do not turn. limit: reports that the pan axis has
-#: hit its limit.
+#: Faults of a unit. silent: no replies. noise: random bytes between replies. garbage: random bytes
+#: in place of replies. error: every command is refused. stuck: the motors do not turn. limit:
+#: reports once that the pan axis has hit its limit.
 FAULTS = ("silent", "noise", "garbage", "error", "stuck", "limit")
 
+#: Input-buffer limit, bytes.
 _MOST_INPUT = 1 << 12
 _AXES = ("P", "T")
 _NAMES = {"P": "Pan", "T": "Tilt"}
@@ -24,7 +23,7 @@ _NAMES = {"P": "Pan", "T": "Tilt"}
 
 @dataclass(frozen=True)
 class UnitSettings:
-    """What a unit knows of itself.
+    """Properties of a unit.
 
     Attributes:
         resolution: angle of a position, seconds of arc, pan and tilt.
@@ -32,8 +31,8 @@ class UnitSettings:
         speeds: lowest and highest target speed, positions/s.
         speed: target speed, positions/s.
         acceleration: positions/s^2.
-        echo: whether it repeats what it is told, as after power-on.
-        verbose: whether it answers in sentences, as after power-on.
+        echo: whether it echoes commands, as after power-on.
+        verbose: whether it replies in sentences, as after power-on.
     """
 
     resolution: tuple[float, float] = (185.1428, 185.1428)
@@ -47,19 +46,19 @@ class UnitSettings:
 
 
 class Mechanics(Protocol):
-    """What the unit's motors turn."""
+    """Motion of the unit's axes."""
 
     def command(self, pan_steps: int, tilt_steps: int) -> None:
-        """Go there; `position` was asked for the time of this command just before."""
+        """Set the goal; the command's time is that of the last call of `position`."""
         ...
 
     def position(self, now: float) -> tuple[int, int]:
-        """Pan and tilt, steps, at a time, s."""
+        """Return pan and tilt at a time, s; steps."""
         ...
 
 
 class SteppedMechanics:
-    """Axes that speed up evenly, keep their speed, and slow down evenly; a new command begins at rest."""
+    """Axes with a trapezoidal speed profile; a new command begins at rest."""
 
     def __init__(self, speed: float, acceleration: float) -> None:
         """Stand at zero.
@@ -76,7 +75,7 @@ class SteppedMechanics:
         self._goal = [0, 0]
 
     def command(self, pan_steps: int, tilt_steps: int) -> None:
-        """Go there from where the axes are; an axis that is on its way there already goes on."""
+        """Set the goal; an axis that is on its way there already goes on."""
         for axis, goal in enumerate((pan_steps, tilt_steps)):
             if goal != self._goal[axis]:
                 self._origin[axis] = self._at(axis, self._now)
@@ -84,7 +83,7 @@ class SteppedMechanics:
                 self._begin[axis] = self._now
 
     def position(self, now: float) -> tuple[int, int]:
-        """Pan and tilt, steps, at a time, s."""
+        """Return pan and tilt at a time, s; steps."""
         self._now = now
         return round(self._at(0, now)), round(self._at(1, now))
 
@@ -110,11 +109,11 @@ class SteppedMechanics:
 
 
 class VirtualSerialPanTilt:
-    """The unit behind its serial line: bytes in, bytes out, on whatever clock `now` is.
+    """The unit at its serial line: bytes in, bytes out, on any clock.
 
     Attributes:
-        faults: what is wrong with it, of `FAULTS`; may be changed at any time.
-        commands: every command understood so far, as "PP100", newest last (the last 1000).
+        faults: of `FAULTS`; may be changed at any time.
+        commands: commands received, as "PP100", newest last; the last 1000.
     """
 
     def __init__(
@@ -125,17 +124,17 @@ class VirtualSerialPanTilt:
         faults: tuple[str, ...] = (),
         seed: int = 0,
     ) -> None:
-        """Switch it on, at zero.
+        """Switch the unit on, at zero.
 
         Args:
             settings: of the unit.
-            mechanics: what it turns; its own, by default.
-            faults: what is wrong with it.
+            mechanics: motion of its axes; None is `SteppedMechanics`.
+            faults: of `FAULTS`.
             seed: of noise.
 
         Raises:
-            InputError: an unknown fault, limits without zero between them, or a resolution that
-                is not positive.
+            InputError: an unknown fault, limits that do not contain zero, or a resolution that is
+                not positive.
         """
         self._settings = settings or UnitSettings()
         s = self._settings
@@ -155,7 +154,6 @@ class VirtualSerialPanTilt:
         self._rng = np.random.default_rng(seed)
         self._input = ""
         self._echo, self._verbose, self._immediate = s.echo, s.verbose, True
-        # Where it stands at first.
         self._goal = list(self._mechanics.position(0.0))
         self._slaved = list(self._goal)
         self._awaiting = ""
@@ -163,14 +161,14 @@ class VirtualSerialPanTilt:
 
     @property
     def goal(self) -> tuple[int, int]:
-        """Where it is told to be: pan and tilt, steps."""
+        """Commanded pan and tilt, steps."""
         return self._goal[0], self._goal[1]
 
     def receive(self, data: bytes, now: float) -> bytes:
-        """Take what was written to the unit, and return what it writes by now; `data` may be empty.
+        """Process bytes written to the unit, and return the bytes that it writes by now.
 
         Args:
-            data: any part of commands.
+            data: any part of commands; may be empty.
             now: s.
         """
         position = self._position(now)
@@ -307,16 +305,16 @@ class VirtualSerialPanTilt:
 
 
 class PtyPort:
-    """A pseudo-terminal: a driver opens `device` as a serial port, this end is the unit's.
+    """A pseudo-terminal: a driver opens `device` as a serial port, this end belongs to the unit.
 
     Attributes:
-        device: what the driver has to open.
+        device: that a driver opens.
         sent: bytes written to the driver.
-        received: bytes that have come from it.
+        received: bytes received from it.
     """
 
     def __init__(self) -> None:
-        """Open one."""
+        """Open a pseudo-terminal."""
         self._unit, self._line = os.openpty()
         tty.setraw(self._line)
         os.set_blocking(self._unit, False)
@@ -327,44 +325,33 @@ class PtyPort:
         self.received = 0
 
     def fileno(self) -> int:
-        """For `select`."""
+        """Return the file descriptor, for `select`."""
         return self._unit
 
     def poll(self, core: VirtualSerialPanTilt, now: float) -> None:
-        """Hand what has come to the unit, and write its answers; never waits."""
-        self._take()
+        """Pass received bytes to the unit, and write its replies, without waiting."""
+        self.take()
         data = bytes(self._came)
         self._came.clear()
         self._waiting += core.receive(data, now)
         self._flush()
 
-    def fill(self, total: int, deadline: float) -> bool:
-        """Wait until `received` is at least `total`, for at most so long (s); whether it is."""
-        end = time.monotonic() + deadline
-        self._take()
-        while self.received < total:
-            left = end - time.monotonic()
-            if left <= 0.0:
-                return False
-            select.select([self], [], [], left)
-            self._take()
-        return True
-
     def close(self) -> None:
-        """Close both ends; a second time changes nothing."""
+        """Close both ends; a second call changes nothing."""
         for end in (self._unit, self._line):
             if end >= 0:
                 os.close(end)
         self._unit = self._line = -1
 
-    def _take(self) -> None:
+    def take(self) -> None:
+        """Move the received bytes to the buffer without waiting."""
         with suppress(BlockingIOError):
             data = os.read(self._unit, _MOST_INPUT)
             self.received += len(data)
             self._came += data
 
     def _flush(self) -> None:
-        # A driver that never reads loses what it does not take, as on a real line.
+        # A driver that never reads loses bytes, as on a real line.
         with suppress(BlockingIOError):
             count = os.write(self._unit, self._waiting) if self._waiting else 0
             self.sent += count
@@ -373,7 +360,7 @@ class PtyPort:
 
 
 def _first_word(text: str) -> tuple[str, str, str]:
-    """The first word, its delimiter (empty while there is none yet), and what follows."""
+    """Return the first word, its delimiter (empty while there is none yet), and the rest."""
     for index, letter in enumerate(text):
         if letter in " \r\n":
             return text[:index], letter, text[index + 1 :]

@@ -7,7 +7,6 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 from unwrinkle.flattening.station_messages import ControllerStatus, TrajectoryCommand
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
-from unwrinkle.simulation.arms.track import Track
 from unwrinkle.simulation.arms.trajectory_player import (
     PlayerLimits,
     PlayerSettings,
@@ -73,12 +72,10 @@ class ArmController(LeafSystem):
         position = self._position.Eval(context)
         command: TrajectoryCommand = self._command.Eval(context)
         if command.number > now.command:
-            trajectory = command.trajectory
-            track = None
-            if trajectory is not None:
-                track = Track(trajectory.times, trajectory.positions, trajectory.velocities)
-            now = self._player.accept(now, command.number, track, position, command.name)
-        if now.track is not None:
+            now = self._player.accept(
+                now, command.number, command.trajectory, position, command.name
+            )
+        if now.trajectory is not None:
             override = 1.0
             if self._override.HasValue(context):
                 override = float(self._override.Eval(context)[0])
@@ -92,7 +89,7 @@ class ArmController(LeafSystem):
             state=now.mode,
             command=now.command,
             completed=now.completed,
-            progress=now.s if now.track is not None else 0.0,
+            progress=now.s if now.trajectory is not None else 0.0,
             reason=now.reason,
         )
         set_state_value(state, self._status, status)
@@ -105,5 +102,5 @@ class ArmController(LeafSystem):
 
     def _reference(self, context: Context, output: BasicVector) -> None:
         now = self.player_state(context)
-        number = now.number if now.track is not None else 0
+        number = now.number if now.trajectory is not None else 0
         output.SetFromVector(np.append(self._player.reference(now)[0], number))

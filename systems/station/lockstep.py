@@ -10,7 +10,7 @@ from collections.abc import Callable
 from unwrinkle.hardware.controller.driver import ControllerDriver
 from unwrinkle.hardware.motoros.link import TcpLink
 from unwrinkle.hardware.pan_tilt.driver import PanTiltDriver
-from unwrinkle.hardware.pan_tilt.serial_port import SerialLink
+from unwrinkle.hardware.pan_tilt.serial_port import SerialLink, fill
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.simulation.controllers.server import ControllerServer
 from unwrinkle.simulation.devices.serial_pan_tilt import PtyPort
@@ -71,10 +71,10 @@ class PanTiltLockstep:
 
     def poll(self, now: float) -> None:
         """Let the driver move on to a time, s; all it sends is there for the unit's next poll."""
-        if not self._line.fill(self._port.sent, DEADLINE):
+        if not fill(self._line, self._port.sent, DEADLINE):
             raise HardwareError(f"{self._line.device}: the line lost what the unit sent")
         self._driver.poll(now)
-        if not self._port.fill(self._line.sent, DEADLINE):
+        if not fill(self._port, self._line.sent, DEADLINE):
             raise HardwareError(f"{self._line.device}: the line lost what the driver sent")
 
 

@@ -9,12 +9,12 @@ import pytest
 from unwrinkle.hardware.controller.driver import ControllerDriver
 from unwrinkle.hardware.motoros.wire import MessageType, MotionControl
 from unwrinkle.hardware.run_log.protocol import RunLogger
-from unwrinkle.hardware.streaming.sent_cubics import StreamLimits, extremes
+from unwrinkle.hardware.streaming.sent_cubics import StreamLimits
 from unwrinkle.models.limits import Limits, load_limits
 from unwrinkle.models.loader_yaml import models_dir
 from unwrinkle.models.site import ControllerSite
 from unwrinkle.planning.sent_samples import as_float32
-from unwrinkle.planning.trajectory import AXES, Trajectory
+from unwrinkle.planning.trajectory import AXES, Trajectory, rate_extremes
 from unwrinkle.simulation.controllers.controller import (
     GROUP_AXES,
     VirtualController,
@@ -68,7 +68,7 @@ def make_trajectory(stream_limits: StreamLimits) -> TrajectoryMaker:
         duration = 0.4
         while True:
             times, positions, velocities = sample(duration)
-            used = extremes(times, positions, velocities)
+            used = rate_extremes(times, positions, velocities)
             bounds = (stream_limits.velocity, stream_limits.acceleration, stream_limits.jerk)
             if max((a / b).max() for a, b in zip(used, bounds, strict=True)) <= 0.985:
                 return Trajectory(times, positions, velocities)

@@ -13,6 +13,7 @@ from unwrinkle.simulation.controllers.controller import (
     VirtualControllerSettings,
 )
 from unwrinkle.simulation.controllers.server import ControllerServer, ServerFault
+from unwrinkle.simulation.controllers.settings import Firmware
 from unwrinkle.simulation.devices.digital_grippers import VirtualDigitalGrippers
 from unwrinkle.simulation.devices.serial_pan_tilt import PtyPort, VirtualSerialPanTilt
 from unwrinkle.systems.station.virtual_devices import unit_settings
@@ -66,7 +67,7 @@ class VirtualEquipment:
         self.server = ControllerServer(
             self.controller, place.host, wanted if ports is None else ports, faults
         )
-        if settings.firmware == "2013":  # it has no such port
+        if settings.firmware == Firmware.OF_2013:  # it has no such port
             self.server.stop_listening("io")
         self.measured = self.controller.positions
         self._lag, self._cloth = lag, (cloth, cloth)
@@ -114,13 +115,13 @@ class VirtualEquipment:
         """What is told when it changes."""
         controller = self.controller
         return {
-            "mode": controller.mode,
-            "remote": "on" if controller.remote else "off",
-            "emergency stop": "pressed" if controller.e_stop else "released",
-            "hold": "pressed" if controller.hold else "released",
-            "alarm": controller.alarm or "none",
-            "servos": "on" if controller.servo else "off",
-            "trajectory mode": "on" if controller.trajectory_mode else "off",
+            "mode": controller.pendant.mode,
+            "remote": "on" if controller.pendant.remote else "off",
+            "emergency stop": "pressed" if controller.pendant.e_stop else "released",
+            "hold": "pressed" if controller.pendant.hold else "released",
+            "alarm": controller.pendant.alarm or "none",
+            "servos": "on" if controller.pendant.servo else "off",
+            "trajectory mode": "on" if controller.pendant.trajectory_mode else "off",
             "axes": "move" if controller.moving else "rest",
             "queues that ran out in motion": controller.underruns,
             "grippers (right, left)": ", ".join(

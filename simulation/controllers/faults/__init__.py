@@ -1,1 +1,1 @@
-"""Faults that the virtual controller can be told to show."""
+"""Faults that can be injected into the virtual controller."""

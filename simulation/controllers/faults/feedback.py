@@ -1,4 +1,4 @@
-"""Faults of the virtual controller's feedback: its values, its messages, their order and their time."""
+"""Faults of the virtual controller's feedback: values, messages, their order and their time."""
 
 import struct
 from collections import deque
@@ -12,17 +12,17 @@ from unwrinkle.simulation.controllers.faults.kinds import Faults, ServerFault
 
 
 class FeedbackFaults:
-    """What faults do to feedback: to positions, to messages, to their order."""
+    """Applies the active faults to feedback."""
 
     def __init__(self, faults: Faults) -> None:
-        """Nothing was sent yet."""
+        """Apply the active ones of `faults`."""
         self._faults = faults
         self._frozen: Array | None = None
         self._held: list[Message] | None = None
         self._late: deque[tuple[float, list[Message]]] = deque()
 
     def measured(self, positions: Array, velocities: Array, now: float) -> tuple[Array, Array]:
-        """Positions and velocities (13,) as feedback tells them."""
+        """Return positions, rad, and velocities, rad/s, (13,), as the feedback states them."""
         q, v = positions.copy(), velocities
         active = self._faults.active
         if "freeze" in active:
@@ -41,7 +41,7 @@ class FeedbackFaults:
         return q, v
 
     def messages(self, messages: list[Message], places: list[tuple[int, int]]) -> list[Message]:
-        """Messages as they are sent; `places` are each axis' group and slot."""
+        """Return the messages as they are sent; `places` are group and slot of each axis."""
         if fault := self._faults.active.get("groups"):
             return [_with_groups(message, fault) for message in messages if _kept(message, fault)]
         if fault := self._faults.active.get("nan"):
@@ -49,7 +49,7 @@ class FeedbackFaults:
         return messages
 
     def due(self, new: list[Message], now: float) -> list[Message]:
-        """What is sent now, a new set of feedback being there."""
+        """Return the messages to send now, given a new set of feedback."""
         active = self._faults.active
         sets = [new, new] if "duplicate" in active else [new]
         if "reorder" in active:
@@ -82,7 +82,7 @@ def _with_groups(message: Message, fault: ServerFault) -> Message:
 
 
 def _extra(body: FeedbackBody, fault: ServerFault) -> FeedbackBody:
-    """Feedback with a joint that the group does not have."""
+    """Return feedback with a value for a joint that the group does not have."""
     assert body.positions is not None
     slot = max(fault.axis, 6) if fault.axis < 10 else 9
     positions = list(body.positions)
@@ -91,7 +91,7 @@ def _extra(body: FeedbackBody, fault: ServerFault) -> FeedbackBody:
 
 
 def _with_nan(message: Message, group: int, slot: int) -> Message:
-    """A message whose bytes say NaN, which our own encoding refuses."""
+    """Return a message with NaN in its bytes, which the encoder refuses."""
     if message.type == MessageType.JOINT_FEEDBACK:
         if FeedbackBody.of(message).group != group:
             return message

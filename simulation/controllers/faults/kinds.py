@@ -1,4 +1,4 @@
-"""Faults that the virtual controller's server commits on demand."""
+"""Faults that can be injected into the virtual controller's server."""
 
 import struct
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 
 from unwrinkle.models.errors import InputError
 
-#: What each kind of fault does while it is active.
+#: Effect of each kind of fault while it is active.
 KINDS: dict[str, str] = {
     "close_motion": "closes the motion connection once",
     "close_state": "closes the state connections once",
@@ -37,7 +37,10 @@ KINDS: dict[str, str] = {
     "start_mismatch": "refuses every first point for its position",
     "slow": "has read no more than value bytes a poll, 16 if 0, before it reads again",
     "coalesce": "reads at once what comes within value, s, of the first byte",
-    "cut": "a read of the motion connection ends after value bytes, 20 if 0; the next one brings the rest",
+    "cut": (
+        "a read of the motion connection ends after value bytes, 20 if 0; the next one brings "
+        "the rest"
+    ),
     "tiny_buffers": "the sockets' buffers are as small as the system allows, from the beginning",
     "e_stop": "the emergency stop is pressed; at the end it is released",
     "e_stop_released": "the emergency stop is pressed and released after value, s",
@@ -53,18 +56,18 @@ KINDS: dict[str, str] = {
 
 @dataclass(frozen=True)
 class ServerFault:
-    """One fault, from a time on the server's clock or a count of points until a time.
+    """One fault, from a time or a count of points until a time.
 
     Attributes:
         kind: one of `KINDS`.
         at: begin, s after the server's first poll.
-        points: begin once so many points were accepted, in place of `at`.
+        points: begin once this many points were accepted, in place of `at`.
         until: end, s after the server's first poll.
-        value: how much, see `KINDS`.
+        value: magnitude, see `KINDS`.
         axis: of the thirteen.
 
     Raises:
-        InputError: the kind is unknown, or a number makes no sense.
+        InputError: the kind is unknown, or a number is invalid.
     """
 
     kind: str
@@ -75,7 +78,7 @@ class ServerFault:
     axis: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
+        """Check the values."""
         if self.kind not in KINDS:
             raise InputError(f"fault '{self.kind}' is unknown; known: {', '.join(KINDS)}")
         if isnan(self.at) or isnan(self.until) or isnan(self.value):
@@ -88,7 +91,7 @@ class ServerFault:
         """Read KIND[=VALUE][@BEGIN[-END]], times in s.
 
         Raises:
-            InputError: it is none.
+            InputError: the text has another form, or an invalid value.
         """
         head, _, times = text.partition("@")
         kind, _, value = head.partition("=")
@@ -103,21 +106,27 @@ class ServerFault:
 
 
 class Faults:
-    """Which faults are active."""
+    """Keeps track of the active faults.
+
+    Attributes:
+        active: active faults by kind.
+    """
 
     def __init__(self, faults: tuple[ServerFault, ...]) -> None:
-        """None is, before the first `update`."""
+        """Prepare; no fault is active before the first `update`."""
         self._faults = list(faults)
         self._begun: dict[int, float] = {}
         self._ended: set[int] = set()
         self.active: dict[str, ServerFault] = {}
 
     def add(self, fault: ServerFault) -> None:
-        """One more."""
+        """Add a fault."""
         self._faults.append(fault)
 
     def update(self, now: float, points: int) -> tuple[list[ServerFault], list[ServerFault]]:
-        """Those that begin and those that end at a time, s, with so many points accepted."""
+        """Return the faults that begin and those that end at a time, s, and a count of accepted
+        points.
+        """
         now += 1e-9  # rounding of the clock
         begun, ended = [], []
         for number, fault in enumerate(self._faults):
@@ -134,16 +143,18 @@ class Faults:
         return begun, ended
 
     def any_of(self, *kinds: str) -> ServerFault | None:
-        """The first of these kinds that is active."""
+        """Return the first active fault of these kinds; None if there is none."""
         return next((self.active[kind] for kind in kinds if kind in self.active), None)
 
     def age(self, fault: ServerFault, now: float) -> float:
-        """How long a fault has been active, s."""
+        """Return for how long a fault has been active, s."""
         return max(now - self._begun.get(self._faults.index(fault), now), 0.0)
 
 
-def spoilt(data: bytes, faults: Faults, motion: bool, random: np.random.Generator) -> bytes:
-    """A message's bytes with garbage before them, a wrong length or a wrong type, as faults ask."""
+def corrupted(data: bytes, faults: Faults, motion: bool, random: np.random.Generator) -> bytes:
+    """Return a message's bytes with the active faults: garbage before them, a wrong length or a
+    wrong type.
+    """
     for kind in ("garbage", "wrong_length", "huge_length", "wrong_type"):
         fault = faults.active.get(kind)
         if fault is None or (fault.value == 1.0) != motion:

@@ -1,4 +1,4 @@
-"""Faults of the virtual controller's answers and of its pendant."""
+"""Faults of the virtual controller's replies and of its pendant."""
 
 from collections.abc import Callable
 
@@ -21,13 +21,16 @@ from unwrinkle.hardware.motoros.wire import (
     WriteIoReply,
 )
 from unwrinkle.simulation.controllers.faults.kinds import Faults, ServerFault
-from unwrinkle.simulation.controllers.pendant import PLAY, TEACH, Pendant
+from unwrinkle.simulation.controllers.pendant import Pendant, PendantMode
 
+#: First and last address of network inputs.
 _NETWORK_INPUTS = (25010, 27567)
 
 
 def motion_fault(faults: Faults, message: Message) -> list[Message]:
-    """What a fault answers in place of the controller; empty if none does."""
+    """Return the replies of a fault on the motion connection in place of the controller's; empty if
+    there is none.
+    """
     if not faults.any_of("busy", "not_ready", "start_mismatch"):
         return []
     try:
@@ -56,12 +59,14 @@ def motion_fault(faults: Faults, message: Message) -> list[Message]:
         result, subcode = Result.INVALID, Subcode.INVALID_START
     if result < 0:
         return []
-    told = MotionReply(group, sequence, command, result, subcode)
-    return [told.to_message(reply=ReplyCode.SUCCESS)]
+    answer = MotionReply(group, sequence, command, result, subcode)
+    return [answer.to_message(reply=ReplyCode.SUCCESS)]
 
 
 def io_fault(faults: Faults, message: Message) -> list[Message]:
-    """What a fault answers in place of the inputs and outputs; empty if none does."""
+    """Return the replies of a fault on the I/O connection in place of the controller's; empty if
+    there is none.
+    """
     try:
         if message.type == MessageType.WRITE_IO_BIT and faults.any_of("lost_outputs"):
             WriteIo.of(message)
@@ -76,10 +81,15 @@ def io_fault(faults: Faults, message: Message) -> list[Message]:
 
 
 def with_wrong_sequence(reply: Message) -> Message:
-    """A motion reply to another point than was sent."""
-    told = MotionReply.of(reply)
+    """Return a motion reply with another sequence number."""
+    original = MotionReply.of(reply)
     wrong = MotionReply(
-        told.group, told.sequence + 7, told.command, told.result, told.subcode, told.data
+        original.group,
+        original.sequence + 7,
+        original.command,
+        original.result,
+        original.subcode,
+        original.data,
     )
     return wrong.to_message(reply=reply.reply)
 
@@ -87,7 +97,7 @@ def with_wrong_sequence(reply: Message) -> Message:
 _BEGIN: dict[str, Callable[[Pendant, ServerFault], None]] = {
     "e_stop": lambda pendant, _: pendant.press_e_stop(),
     "e_stop_released": lambda pendant, _: pendant.press_e_stop(),
-    "teach": lambda pendant, _: pendant.set_mode(TEACH),
+    "teach": lambda pendant, _: pendant.set_mode(PendantMode.TEACH),
     "remote_off": lambda pendant, _: pendant.set_remote(False),
     "servo_off": lambda pendant, _: pendant.switch_servo_off(),
     "alarm": lambda pendant, fault: pendant.raise_alarm(int(fault.value) or 4000, lasting=True),
@@ -95,7 +105,7 @@ _BEGIN: dict[str, Callable[[Pendant, ServerFault], None]] = {
 }
 _END: dict[str, Callable[[Pendant], None]] = {
     "e_stop": lambda pendant: pendant.release_e_stop(),
-    "teach": lambda pendant: pendant.set_mode(PLAY),
+    "teach": lambda pendant: pendant.set_mode(PendantMode.PLAY),
     "remote_off": lambda pendant: pendant.set_remote(True),
     "alarm": lambda pendant: pendant.clear_alarm(),
     "hold": lambda pendant: pendant.release_hold(),
@@ -103,12 +113,12 @@ _END: dict[str, Callable[[Pendant], None]] = {
 
 
 def begin_on_pendant(pendant: Pendant, fault: ServerFault) -> None:
-    """What a fault does to the pendant when it begins."""
+    """Apply the begin of a fault to the pendant."""
     if fault.kind in _BEGIN:
         _BEGIN[fault.kind](pendant, fault)
 
 
 def end_on_pendant(pendant: Pendant, fault: ServerFault) -> None:
-    """What a fault undoes at its end."""
+    """Apply the end of a fault to the pendant."""
     if fault.kind in _END:
         _END[fault.kind](pendant)

@@ -9,26 +9,26 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
-from unwrinkle.flattening import station_messages
 from unwrinkle.flattening.station_messages import ControllerStatus, TrajectoryCommand
 from unwrinkle.hardware import controller_state
 from unwrinkle.hardware.controller_state import DriverStatus, JointFeedback
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.shared import Shared
+from unwrinkle.planning.motion_mode import MotionMode
 from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.systems.abstract_state import set_state_value, state_value
 
 #: The driver's states in the words of the station's port.
 STATES = {
-    controller_state.OFFLINE: station_messages.FAULT,
-    controller_state.CONNECTING: station_messages.IDLE,
-    controller_state.READY: station_messages.IDLE,
-    controller_state.STARTING: station_messages.RUNNING,
-    controller_state.RUNNING: station_messages.RUNNING,
-    controller_state.HOLDING: station_messages.HOLDING,
-    controller_state.HELD: station_messages.IDLE,
-    controller_state.STOPPING: station_messages.IDLE,
-    controller_state.FAULT: station_messages.FAULT,
+    controller_state.OFFLINE: MotionMode.FAULT,
+    controller_state.CONNECTING: MotionMode.IDLE,
+    controller_state.READY: MotionMode.IDLE,
+    controller_state.STARTING: MotionMode.RUNNING,
+    controller_state.RUNNING: MotionMode.RUNNING,
+    controller_state.HOLDING: MotionMode.HOLDING,
+    controller_state.HELD: MotionMode.IDLE,
+    controller_state.STOPPING: MotionMode.IDLE,
+    controller_state.FAULT: MotionMode.FAULT,
 }
 
 
@@ -148,7 +148,7 @@ class ControllerDriverSystem(LeafSystem):
             progress=now.progress,
             reason=now.reason,
         )
-        running = status.state in (station_messages.RUNNING, station_messages.HOLDING)
+        running = status.state in (MotionMode.RUNNING, MotionMode.HOLDING)
         snapshot = dc.replace(before, status=status, number=now.command if running else 0)
         feedback = self._driver.feedback
         if feedback is not None:

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from unwrinkle.hardware.motoros.link import TcpLink
 from unwrinkle.hardware.motoros.wire import Command
 from unwrinkle.hardware.run_log.protocol import NoLog
-from unwrinkle.hardware.streaming.sent_cubics import StreamLimits, extremes
-from unwrinkle.planning.trajectory import Trajectory
+from unwrinkle.hardware.streaming.sent_cubics import StreamLimits
+from unwrinkle.planning.trajectory import Trajectory, rate_extremes
 from unwrinkle.simulation.controllers.server import ServerFault
 
 pytestmark = pytest.mark.alone
@@ -170,7 +170,7 @@ def test_stop_leaves_trajectory_mode(make_rig, make_trajectory: TrajectoryMaker)
     rig.driver.stop("the page was closed")
     assert rig.state == "stopping"
     rig.until(lambda: rig.state == "ready")
-    assert not rig.controller.trajectory_mode and rig.controller.underruns == 0
+    assert not rig.controller.pendant.trajectory_mode and rig.controller.underruns == 0
     assert rig.reason == "the page was closed"
     rig.driver.resume(rig.next_number())
     assert "nothing to resume" in rig.reason
@@ -184,7 +184,7 @@ def test_stop_while_starting_and_while_held(make_rig, make_trajectory: Trajector
     assert rig.state == "starting"
     rig.driver.stop("no more")
     rig.until(lambda: rig.state == "ready")
-    assert not rig.controller.trajectory_mode and not rig.controller.received[0]
+    assert not rig.controller.pendant.trajectory_mode and not rig.controller.received[0]
     rig.driver.run(2, make_trajectory(7))
     rig.until(lambda: rig.state == "running")
     rig.wait(0.3)
@@ -192,7 +192,7 @@ def test_stop_while_starting_and_while_held(make_rig, make_trajectory: Trajector
     rig.until(lambda: rig.state == "held")
     rig.driver.stop("no more")
     rig.until(lambda: rig.state == "ready")
-    assert not rig.controller.trajectory_mode
+    assert not rig.controller.pendant.trajectory_mode
     rig.driver.stop("again")
     rig.until(lambda: rig.state == "ready")
     assert rig.sent_commands().count(Command.STOP_TRAJ_MODE) == 2
@@ -258,9 +258,9 @@ def test_a_driver_connects_again_once_the_queues_are_empty(
     rig.run(make_trajectory(2))
     rig.until(lambda: rig.state == "fault")
     rig.wait(1.0)
-    rig.controller.press_hold()  # the firmware empties its queues
+    rig.controller.pendant.press_hold()  # the firmware empties its queues
     rig.wait(0.1)
-    rig.controller.release_hold()
+    rig.controller.pendant.release_hold()
     rig.driver.close()
     rig.connect()
     assert rig.state == "ready" and rig.reason == ""
@@ -353,8 +353,8 @@ def test_limits_are_kept_through_random_commands(
     assert rig.controller.underruns == 0
     assert np.abs(rig.controller.positions - trajectory.positions[-1]).max() < 1e-6
     times, positions, velocities = (np.array(values) for values in zip(*log.points, strict=True))
-    own = extremes(trajectory.times, trajectory.positions, trajectory.velocities)
-    assert stream_limits.widened(own).keeps(extremes(times, positions, velocities))
+    own = rate_extremes(trajectory.times, trajectory.positions, trajectory.velocities)
+    assert stream_limits.widened(own).keeps(rate_extremes(times, positions, velocities))
 
 
 @pytest.mark.parametrize("before", [0.25, 0.12, 0.0, -0.1])

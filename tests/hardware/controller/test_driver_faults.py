@@ -171,7 +171,7 @@ def test_a_fault_latches_until_a_reset_and_a_new_plan(
     rig.connect()
     rig.run(trajectory)
     rig.wait(0.5)
-    rig.controller.raise_alarm(4100)
+    rig.controller.pendant.raise_alarm(4100)
     rig.until(lambda: rig.state == "fault")
     rig.driver.reset()
     assert "not reset: the robot moves" in rig.reason
@@ -188,6 +188,20 @@ def test_a_fault_latches_until_a_reset_and_a_new_plan(
     assert rig.sent_commands().count(Command.START_TRAJ_MODE) == 2
 
 
+def test_a_reset_ends_with_its_connection(make_rig: RigMaker) -> None:
+    rig = make_rig()
+    rig.connect()
+    rig.driver.fail("the first")
+    rig.driver.reset()
+    rig.driver.close()
+    rig.turn()
+    rig.connect()
+    assert rig.state == "ready"
+    rig.driver.fail("the second")
+    rig.wait(0.5)
+    assert rig.state == "fault" and rig.reason == "the second"
+
+
 def test_a_reset_waits_for_the_emergency_stop_to_be_released(
     make_rig: RigMaker, make_trajectory: TrajectoryMaker
 ) -> None:
@@ -195,13 +209,13 @@ def test_a_reset_waits_for_the_emergency_stop_to_be_released(
     rig.connect()
     rig.run(make_trajectory(2))
     rig.wait(0.5)
-    rig.controller.press_e_stop()
+    rig.controller.pendant.press_e_stop()
     rig.wait(1.0)
     assert rig.state == "fault"
     rig.driver.reset()
     rig.wait(0.5)
     assert rig.state == "fault" and "not reset: an emergency stop is pressed" in rig.reason
-    rig.controller.release_e_stop()
+    rig.controller.pendant.release_e_stop()
     rig.wait(0.5)
     assert rig.state == "fault"
     stood = rig.controller.positions

@@ -1,6 +1,7 @@
 """Two executors for one robot: the second is refused, and told who the first is."""
 
 import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -8,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from unwrinkle.hardware.controller.lock import OwnerLock, lock_directory
-from unwrinkle.models.errors import HardwareError
+from unwrinkle.models.errors import HardwareError, InUseError
 
 pytestmark = pytest.mark.alone
 
@@ -18,11 +19,12 @@ def test_the_second_owner_is_refused_and_told_who_the_first_is(tmp_path: Path) -
     second = OwnerLock("10.0.0.2", 50240, "another", tmp_path)
     first.acquire()
     first.acquire()
-    with pytest.raises(HardwareError) as refusal:
+    with pytest.raises(InUseError, match=r"10\.0\.0\.2:50240") as refusal:
         second.acquire()
-    text = str(refusal.value)
-    assert "10.0.0.2:50240" in text and f"process {os.getpid()}" in text
-    assert "unwrinkle execute plan.npz" in text and "since 20" in text
+    owner = refusal.value.owner
+    assert f"process {os.getpid()}" in owner
+    assert "unwrinkle execute plan.npz" in owner and "since 20" in owner
+    assert pickle.loads(pickle.dumps(refusal.value)).owner == owner
     assert first.held and not second.held
     first.release()
     first.release()
@@ -52,7 +54,7 @@ def test_a_process_that_dies_frees_the_lock(tmp_path: Path) -> None:
     assert child.stdout is not None and child.stdin is not None
     assert child.stdout.readline() == "ready\n"
     lock = OwnerLock("h", 1, "", tmp_path)
-    with pytest.raises(HardwareError, match=rf"process {child.pid} \(child\)"):
+    with pytest.raises(InUseError, match=rf"process {child.pid} \(child\)"):
         lock.acquire()
     child.kill()
     child.wait(timeout=10)
@@ -67,7 +69,7 @@ def test_a_lock_file_that_cannot_be_read_or_opened(tmp_path: Path) -> None:
     first, second = (OwnerLock("h", 1, "", tmp_path) for _ in range(2))
     first.acquire()
     first.path.write_text("nonsense")
-    with pytest.raises(HardwareError, match="left no name"):
+    with pytest.raises(InUseError, match="left no name"):
         second.acquire()
     with pytest.raises(HardwareError, match="cannot be opened"):
         OwnerLock("h", 1, "", tmp_path / "nowhere").acquire()

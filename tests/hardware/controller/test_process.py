@@ -18,7 +18,7 @@ from unwrinkle.hardware.controller_state import FAULT, HELD, OFFLINE, READY, RUN
 from unwrinkle.hardware.motoros.wire import Command, MessageType, MotionControl
 from unwrinkle.hardware.run_log.reader import read_run_log
 from unwrinkle.hardware.run_log.writer import RunLog
-from unwrinkle.models.errors import HardwareError
+from unwrinkle.models.errors import ConnectionLostError, InUseError
 from unwrinkle.models.limits import Limits, load_limits
 from unwrinkle.models.loader_yaml import models_dir
 from unwrinkle.models.site import ControllerSite
@@ -117,12 +117,13 @@ def test_nobody_there_and_a_robot_in_use_are_named(
     site: ControllerSite, limits: Limits, robot: Robot
 ) -> None:
     nowhere = dc.replace(site, state_port=1, connect_timeout=0.5)
-    with pytest.raises(HardwareError, match=r"127\.0\.0\.1:1 "):
+    with pytest.raises(ConnectionLostError, match=r"127\.0\.0\.1:1 "):
         DriverProcess(nowhere, limits).start()
     with DriverProcess(site, limits, command="the first") as first:
         assert first.status.state != OFFLINE
-        with pytest.raises(HardwareError, match="the first"):
+        with pytest.raises(InUseError) as refusal:
             DriverProcess(site, limits).start()
+        assert "the first" in refusal.value.owner
 
 
 def test_a_dead_driver_is_a_fault_and_the_robot_rests(
@@ -191,9 +192,9 @@ def test_a_program_that_dies_leaves_a_robot_that_braked_and_was_left_cleanly(
         program.send_signal(number)
         program.wait(5.0)
     end = time.monotonic() + 10.0
-    while robot.controller.trajectory_mode and time.monotonic() < end:
+    while robot.controller.pendant.trajectory_mode and time.monotonic() < end:
         time.sleep(0.02)
-    assert not robot.controller.trajectory_mode and robot.rests()
+    assert not robot.controller.pendant.trajectory_mode and robot.rests()
     assert robot.controller.underruns == 0  # it braked along the path
     assert 0.05 < robot.controller.positions[8] < 0.45
 

@@ -10,11 +10,11 @@ import pytest
 
 from unwrinkle.hardware.motoros.link import TcpLink
 from unwrinkle.hardware.motoros.motion_channel import (
-    LEAVING,
-    PATIENCE,
+    LEAVE_TIMEOUT_S,
+    STOP_PATIENCE_S,
     Asked,
     MotionChannel,
-    StopAndPart,
+    StopAndClose,
     stop_and_leave,
 )
 from unwrinkle.hardware.motoros.wire import (
@@ -28,7 +28,7 @@ from unwrinkle.hardware.motoros.wire import (
     Subcode,
     TrajectoryPoint,
 )
-from unwrinkle.models.errors import HardwareError
+from unwrinkle.models.errors import OverdueError, ProtocolError
 
 POINT = TrajectoryPoint(0, 0, 0.0, (0.0,) * 6, (0.0,) * 6).to_message()
 
@@ -125,8 +125,10 @@ def test_time_that_a_request_waits_is_not_its_answers(peer: Peer) -> None:
     peer.answer(start)
     polled(channel, 5.1)
     assert polled(channel, 5.5) == []
-    with pytest.raises(HardwareError, match=r"has not answered command 200101.* at most 0.50 s"):
+    with pytest.raises(OverdueError, match="command 200101") as overdue:
         polled(channel, 5.7)
+    assert overdue.value.allowed == pytest.approx(0.5)
+    assert overdue.value.waited > 0.5
 
 
 def test_a_stop_drops_what_waits_and_follows_the_answer(peer: Peer) -> None:
@@ -147,9 +149,9 @@ def test_a_stop_does_not_wait_for_ever(peer: Peer) -> None:
     channel.point(POINT, 0, 0, 1.0)
     (point,) = peer.heard()
     channel.stop(1.0)
-    polled(channel, 1.0 + 0.9 * PATIENCE)
+    polled(channel, 1.0 + 0.9 * STOP_PATIENCE_S)
     assert peer.heard() == []
-    polled(channel, 1.0 + 1.1 * PATIENCE)
+    polled(channel, 1.0 + 1.1 * STOP_PATIENCE_S)
     (stop,) = peer.heard()
     assert MotionControl.of(stop).command == Command.STOP_MOTION
     peer.answer(point)
@@ -173,7 +175,7 @@ def test_the_previous_reply_once_more_means_an_unknown_command(peer: Peer) -> No
     channel.control(Command.RESET_ALARM, 1.3)
     peer.heard()
     peer.answer(ready)
-    with pytest.raises(HardwareError, match="where command 200114"):
+    with pytest.raises(ProtocolError, match="200114"):
         polled(channel, 1.4)
 
 
@@ -181,7 +183,7 @@ def test_the_previous_reply_once_more_means_an_unknown_command(peer: Peer) -> No
 def test_a_connection_that_is_given_up_is_stopped_before_it_is_closed(
     peer: Peer, answers: bool
 ) -> None:
-    parting = StopAndPart(peer.link, 1.0, waiting=True)
+    parting = StopAndClose(peer.link, 1.0, waiting=True)
     assert not parting.poll(1.01) and peer.heard() == []
     peer.say(b"what is no message")
     assert not parting.poll(1.02)
@@ -190,7 +192,7 @@ def test_a_connection_that_is_given_up_is_stopped_before_it_is_closed(
     if answers:
         peer.say(b"whatever it is")
         assert parting.poll(1.04)
-    assert parting.poll(1.03 + 1.1 * LEAVING) and peer.link.closed
+    assert parting.poll(1.03 + 1.1 * LEAVE_TIMEOUT_S) and peer.link.closed
 
 
 def serve(peer: Peer, results: Callable[[int], int | None]) -> tuple[list[int], threading.Thread]:
@@ -256,4 +258,4 @@ def test_leaving_a_silent_controller_is_bounded(peer: Peer) -> None:
     peer.link.close()
     thread.join()
     assert came == [STOP]  # more would be read together with it
-    assert took < PATIENCE + LEAVING + 0.5
+    assert took < STOP_PATIENCE_S + LEAVE_TIMEOUT_S + 0.5

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from unwrinkle.hardware.streaming.path_clock import NEARLY, PathClock, Sample
-from unwrinkle.hardware.streaming.sent_cubics import CubicPath, StreamLimits, extremes
+from unwrinkle.hardware.streaming.path_clock import HIGHEST_REDUCED_RATE, PathClock, Sample
+from unwrinkle.hardware.streaming.sent_cubics import CubicPath, StreamLimits
 from unwrinkle.models.errors import InputError
-from unwrinkle.planning.trajectory import AXES, Trajectory
+from unwrinkle.planning.trajectory import AXES, Trajectory, rate_extremes
 
 TrajectoryMaker = Callable[..., Trajectory]
 
@@ -29,9 +29,9 @@ def arrays(samples: list[Sample]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def greatest_use(samples: list[Sample], trajectory: Trajectory, limits: StreamLimits) -> float:
     """Largest share of a limit, or of what the trajectory itself uses."""
-    own = extremes(trajectory.times, trajectory.positions, trajectory.velocities)
+    own = rate_extremes(trajectory.times, trajectory.positions, trajectory.velocities)
     bound = limits.widened(own)
-    used = extremes(*arrays(samples))
+    used = rate_extremes(*arrays(samples))
     bounds = (bound.velocity, bound.acceleration, bound.jerk)
     return float(max((a / b).max() for a, b in zip(used, bounds, strict=True)))
 
@@ -84,12 +84,12 @@ def test_constant_rate_is_the_same_curve(
     own = [
         rate ** (k + 1) * value
         for k, value in enumerate(
-            extremes(trajectory.times, trajectory.positions, trajectory.velocities)
+            rate_extremes(trajectory.times, trajectory.positions, trajectory.velocities)
         )
     ]
     step = np.diff(times).min()
     for order, (value, scaled) in enumerate(
-        zip(extremes(times, positions, velocities), own, strict=True), start=1
+        zip(rate_extremes(times, positions, velocities), own, strict=True), start=1
     ):
         assert (value <= scaled * (1.0 + 1e-6) + 25.0 * ROUNDING / step**order).all()
 
@@ -161,7 +161,7 @@ def test_a_hold_ends_at_rest_and_what_remains_starts_there(
     assert np.array_equal(rest.positions[0], after[-1].positions)
     assert np.array_equal(rest.positions[-1], trajectory.positions[-1])
     assert np.array_equal(rest.velocities[0], np.zeros(AXES))
-    used = extremes(rest.times, rest.positions, rest.velocities)
+    used = rate_extremes(rest.times, rest.positions, rest.velocities)
     assert (used[2] <= stream_limits.jerk * (1.0 + 2e-6)).all()
     clock.set_rate(rate)
     resumed = clock.next_until(np.inf)
@@ -216,7 +216,7 @@ def test_extremes_are_those_of_the_cubics(make_trajectory: TrajectoryMaker) -> N
     trajectory = make_trajectory(3)
     curve = trajectory.interpolant()
     dense = np.linspace(0.0, trajectory.duration, 20_001)
-    found = extremes(trajectory.times, trajectory.positions, trajectory.velocities)
+    found = rate_extremes(trajectory.times, trajectory.positions, trajectory.velocities)
     for order, value in enumerate(found, start=1):
         seen = np.abs(curve.derivative(order)(dense)).max(axis=0)
         assert (seen <= value * (1.0 + 1e-9) + 1e-9).all()
@@ -227,9 +227,9 @@ def test_derivatives_of_the_path_fit(make_trajectory: TrajectoryMaker) -> None:
     trajectory = make_trajectory(4)
     path, curve = CubicPath(trajectory), trajectory.interpolant()
     s = np.linspace(0.001, trajectory.duration - 0.001, 77)
-    for order, value in enumerate(path.derivatives(s), start=1):
+    for order, value in enumerate(path.curve.derivatives(s), start=1):
         assert np.allclose(value, curve.derivative(order)(s), atol=1e-8)
-    assert np.allclose(path.at(s)[0], curve(s), atol=1e-14)
+    assert np.allclose(path.curve.at(s)[0], curve(s), atol=1e-14)
 
 
 @pytest.mark.slow
@@ -279,7 +279,12 @@ def test_after_a_change_the_full_rate_is_the_trajectorys_own_samples_again(
 def test_rates_just_below_one_are_run_a_little_slower(
     make_trajectory: TrajectoryMaker, stream_limits: StreamLimits
 ) -> None:
-    for wanted, run in ((0.999, NEARLY), (NEARLY, NEARLY), (0.9, 0.9), (1.0, 1.0)):
+    for wanted, run in (
+        (0.999, HIGHEST_REDUCED_RATE),
+        (HIGHEST_REDUCED_RATE, HIGHEST_REDUCED_RATE),
+        (0.9, 0.9),
+        (1.0, 1.0),
+    ):
         clock = PathClock(make_trajectory(5), stream_limits, rate=wanted)
         assert clock.target == run
         points = clock.next_until(np.inf)
@@ -310,6 +315,6 @@ def test_limits_of_a_real_plan_are_kept_through_holds_and_resumes(speed: float) 
             points += clock.next_until(points[-1].time + rng.uniform(0.1, 0.8))
             clock.set_rate(1.0)
             points += clock.next_until(np.inf)
-            used = extremes(*arrays(points))
+            used = rate_extremes(*arrays(points))
             bounds = (limits.velocity, limits.acceleration, limits.jerk)
             assert max((a / b).max() for a, b in zip(used, bounds, strict=True)) <= 1.0 + 1e-6

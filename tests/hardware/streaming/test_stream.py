@@ -17,7 +17,7 @@ from unwrinkle.hardware.motoros.wire import (
 )
 from unwrinkle.hardware.streaming.path_clock import PathClock
 from unwrinkle.hardware.streaming.sent_cubics import StreamLimits
-from unwrinkle.hardware.streaming.stream import DWELL, PointStream
+from unwrinkle.hardware.streaming.stream import START_DWELL_S, PointStream
 from unwrinkle.models.site import ControllerSite
 from unwrinkle.planning.trajectory import Trajectory
 
@@ -146,7 +146,7 @@ def test_points_are_never_further_ahead_than_the_lead(bench: Bench) -> None:
     assert not bench.stream.ran_out(bench.now)
     # One point of rest more than the plan has, at the begin.
     assert [sequence for sequence, _, _ in bench.records] == list(range(len(bench.records)))
-    assert bench.records[1][1] == pytest.approx(DWELL)
+    assert bench.records[1][1] == pytest.approx(START_DWELL_S)
     assert np.array_equal(bench.records[1][2], bench.records[0][2])
 
 
@@ -190,9 +190,9 @@ def test_what_was_sent_is_known_between_points(bench: Bench) -> None:
         bench.turn()
     curve = bench.clock.trajectory.interpolant()
     times = bench.stream.executed(bench.now) - np.linspace(0.0, 0.1, 7)
-    assert np.abs(bench.stream.commanded(times) - curve(times - DWELL)).max() < 1e-12
+    assert np.abs(bench.stream.commanded(times) - curve(times - START_DWELL_S)).max() < 1e-12
     assert bench.stream.progress(bench.now) == pytest.approx(
-        bench.stream.executed(bench.now) - DWELL, abs=1e-9
+        bench.stream.executed(bench.now) - START_DWELL_S, abs=1e-9
     )
 
 
@@ -213,6 +213,6 @@ def test_hold_and_resume_begin_with_rest(bench: Bench) -> None:
     assert bench.stream.ended(bench.now)
     rest, dwell = bench.records[count - 1], bench.records[count]
     assert np.array_equal(rest[2], dwell[2])
-    assert dwell[1] - rest[1] == pytest.approx(DWELL)
+    assert dwell[1] - rest[1] == pytest.approx(START_DWELL_S)
     times = [time for _, time, _ in bench.records]
     assert (np.diff(times) > 0.0).all()

@@ -9,12 +9,9 @@ from hypothesis import strategies as st
 
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
-from unwrinkle.simulation.arms.track import Track
+from unwrinkle.planning.motion_mode import MotionMode
+from unwrinkle.planning.trajectory import SampledCubic
 from unwrinkle.simulation.arms.trajectory_player import (
-    FAULT,
-    HOLDING,
-    IDLE,
-    RUNNING,
     PlayerLimits,
     PlayerState,
     TrajectoryPlayer,
@@ -26,12 +23,12 @@ LIMITS = PlayerLimits(np.full(3, -3.0), np.full(3, 3.0), np.full(3, 4.0), np.ful
 PLAYER = TrajectoryPlayer(LIMITS, AXES)
 
 
-def move(start: Array, way: Array, duration: float, samples: int = 60) -> Track:
+def move(start: Array, way: Array, duration: float, samples: int = 60) -> SampledCubic:
     """A rest-to-rest motion along a line, by a quintic, as planned ones are smooth."""
     u = np.linspace(0.0, 1.0, samples)
     share = u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
     rate = 30.0 * u**2 * (1.0 - u) ** 2 / duration
-    return Track(u * duration, start + share[:, None] * way, rate[:, None] * way)
+    return SampledCubic(u * duration, start + share[:, None] * way, rate[:, None] * way)
 
 
 def slowest(way: Array) -> float:
@@ -40,7 +37,7 @@ def slowest(way: Array) -> float:
     return float(max(1.875 * most / 4.0, np.sqrt(5.7736 * most / 12.0)) * 1.01)
 
 
-def turned(seed: int = 0, length: float = 1.0) -> tuple[Array, Array, Track]:
+def turned(seed: int = 0, length: float = 1.0) -> tuple[Array, Array, SampledCubic]:
     rng = np.random.default_rng(seed)
     start, way = rng.uniform(-1.0, 1.0, 3), length * rng.uniform(-1.5, 1.5, 3)
     return start, way, move(start, way, slowest(way))
@@ -54,9 +51,9 @@ def step(
     return player.advance(state, STEP, override, q, v)
 
 
-def begun(track: Track, start: Array) -> PlayerState:
+def begun(track: SampledCubic, start: Array) -> PlayerState:
     state = PLAYER.accept(PLAYER.at_rest(start), 1, track, start, "move")
-    assert (state.mode, state.reason) == (RUNNING, "")
+    assert (state.mode, state.reason) == (MotionMode.RUNNING, "")
     return state
 
 
@@ -92,12 +89,12 @@ def test_a_hold_comes_to_rest_within_the_limits(seed: int, when: float) -> None:
     state = PLAYER.accept(state, 2, None, start)
     speeds = [PLAYER.reference(state)[1]]
     steps = 0
-    while state.mode == HOLDING:
+    while state.mode == MotionMode.HOLDING:
         state = step(state)
         speeds.append(PLAYER.reference(state)[1])
         steps += 1
         assert steps * STEP <= 2.0 + STEP  # 1 / least_braking
-    assert state.mode == IDLE and state.completed == state.command == 2
+    assert state.mode == MotionMode.IDLE and state.completed == state.command == 2
     assert (speeds[-1] == 0.0).all() and "hold commanded" in state.reason
     # As promised: the limit, and where the path itself uses it up, least_braking times the speed more.
     most = np.abs(np.diff(speeds, axis=0)).max(initial=0.0) / STEP
@@ -116,7 +113,7 @@ def test_the_override_keeps_speed_and_acceleration(
     for k in range(4000):
         state = step(state, override if k < 40 else second)
         speeds.append(PLAYER.reference(state)[1])
-        if state.mode == IDLE:
+        if state.mode == MotionMode.IDLE:
             break
     assert state.completed == 1
     assert np.abs(speeds).max() <= 4.0
@@ -131,7 +128,7 @@ def test_at_full_speed_it_keeps_the_plans_time() -> None:
         state = step(state)
         assert state.s == pytest.approx(k * STEP)
     np.testing.assert_allclose(PLAYER.reference(state)[0], track.at(59 * STEP)[0])
-    while state.mode == RUNNING:
+    while state.mode == MotionMode.RUNNING:
         state = step(state)
     np.testing.assert_allclose(PLAYER.reference(state)[0], start + way)
     assert state.completed == 1 and state.reason == ""
@@ -142,8 +139,8 @@ def test_an_override_of_zero_pauses_and_goes_on() -> None:
     state = begun(track, start)
     for k in range(400):
         state = step(state, 1.0 if k < 50 else 0.0)
-    assert state.mode == RUNNING and state.rate == 0.0 and 0.0 < state.s < track.duration
-    while state.mode == RUNNING:
+    assert state.mode == MotionMode.RUNNING and state.rate == 0.0 and 0.0 < state.s < track.duration
+    while state.mode == MotionMode.RUNNING:
         state = step(state)
     assert state.completed == 1
 
@@ -152,13 +149,13 @@ def test_an_override_of_zero_pauses_and_goes_on() -> None:
 def test_an_absurd_override_holds(override: float) -> None:
     start, _, track = turned(5)
     state = step(step(begun(track, start)), override)
-    assert state.mode == HOLDING and "override" in state.reason
-    while state.mode == HOLDING:
+    assert state.mode == MotionMode.HOLDING and "override" in state.reason
+    while state.mode == MotionMode.HOLDING:
         state = step(state, override)
-    assert state.mode == IDLE and state.completed == 0
+    assert state.mode == MotionMode.IDLE and state.completed == 0
 
 
-def _bad(kind: str, start: Array) -> Track:
+def _bad(kind: str, start: Array) -> SampledCubic:
     way = np.array([1.0, -0.5, 0.3])
     track = move(start, way, slowest(way))
     positions, velocities = track.positions.copy(), track.velocities.copy()
@@ -176,7 +173,7 @@ def _bad(kind: str, start: Array) -> Track:
         return move(start, np.array([0.5, 0.0, 0.0]), 0.4)
     elif kind == "axes":
         positions, velocities = positions[:, :2], velocities[:, :2]
-    return Track(track.times, positions, velocities)
+    return SampledCubic(track.times, positions, velocities)
 
 
 @pytest.mark.parametrize(
@@ -195,7 +192,7 @@ def test_refusals_state_their_reason_and_move_nothing(kind: str) -> None:
     start = np.array([0.2, 0.1, -0.7])
     before = PLAYER.at_rest(start)
     state = PLAYER.accept(before, 1, _bad(kind, start), start)
-    assert state.mode == IDLE and state.command == 1 and state.completed == 0
+    assert state.mode == MotionMode.IDLE and state.command == 1 and state.completed == 0
     assert "refused" in state.reason and kind in state.reason
     assert (PLAYER.reference(step(state))[0] == start).all()
 
@@ -203,13 +200,14 @@ def test_refusals_state_their_reason_and_move_nothing(kind: str) -> None:
 def test_between_samples_counts_too() -> None:
     times = np.array([0.0, 0.5, 1.0])
     positions = np.array([[0.0] * 3, [0.9, 0.0, 0.0], [0.0] * 3])
-    low, high, speed, acceleration = Track(times, positions, np.zeros((3, 3))).extremes()
-    assert speed[0] == pytest.approx(1.5 * 0.9 / 0.5)  # samples say 0
-    assert acceleration[0] == pytest.approx(6.0 * 0.9 / 0.25)
-    assert (low[0], high[0]) == (0.0, 0.9)
-    swinging = Track(np.array([0.0, 1.0]), np.zeros((2, 1)), np.array([[1.0], [1.0]]))
-    low, high, _, _ = swinging.extremes()
-    assert high[0] == pytest.approx(np.sqrt(3.0) / 18.0) and low[0] == pytest.approx(-high[0])
+    found = SampledCubic(times, positions, np.zeros((3, 3))).extremes()
+    assert found.speed[0] == pytest.approx(1.5 * 0.9 / 0.5)  # samples say 0
+    assert found.acceleration[0] == pytest.approx(6.0 * 0.9 / 0.25)
+    assert (found.lower[0], found.upper[0]) == (0.0, 0.9)
+    swinging = SampledCubic(np.array([0.0, 1.0]), np.zeros((2, 1)), np.array([[1.0], [1.0]]))
+    found = swinging.extremes()
+    assert found.upper[0] == pytest.approx(np.sqrt(3.0) / 18.0)
+    assert found.lower[0] == pytest.approx(-found.upper[0])
 
 
 def test_a_follow_up_is_queued_only_from_the_end() -> None:
@@ -217,11 +215,11 @@ def test_a_follow_up_is_queued_only_from_the_end() -> None:
     state = begun(track, start)
     back = move(start + way, -way, slowest(way))
     elsewhere = PLAYER.accept(state, 2, track, start)
-    assert elsewhere.mode == RUNNING and "another one runs" in elsewhere.reason
+    assert elsewhere.mode == MotionMode.RUNNING and "another one runs" in elsewhere.reason
     state = PLAYER.accept(elsewhere, 3, back, start)
     assert state.reason == "" and state.queued is not None
     assert "waits already" in PLAYER.accept(state, 4, back, start).reason
-    while state.mode == RUNNING:
+    while state.mode == MotionMode.RUNNING:
         state = step(state)
     assert state.completed == 3
     np.testing.assert_allclose(PLAYER.reference(state)[0], start)
@@ -237,13 +235,13 @@ def test_a_number_seen_before_is_no_new_command() -> None:
 def test_a_hold_at_rest_is_done_at_once_and_braking_refuses() -> None:
     start, _, track = turned(8)
     state = PLAYER.accept(PLAYER.at_rest(start), 1, None, start)
-    assert (state.mode, state.completed, state.reason) == (IDLE, 1, "")
+    assert (state.mode, state.completed, state.reason) == (MotionMode.IDLE, 1, "")
     state = begun(track, start)
     for _ in range(40):
         state = step(state)
     state = PLAYER.accept(state, 2, None, start)
     refused = PLAYER.accept(state, 3, track, start)
-    assert refused.mode == HOLDING and "braking" in refused.reason
+    assert refused.mode == MotionMode.HOLDING and "braking" in refused.reason
 
 
 def test_a_robot_that_does_not_follow_is_a_fault_that_stays() -> None:
@@ -251,10 +249,10 @@ def test_a_robot_that_does_not_follow_is_a_fault_that_stays() -> None:
     state = begun(track, start)
     for _ in range(60):
         state = PLAYER.advance(state, STEP, 1.0, start, np.zeros(3))
-    assert state.mode == FAULT and "following error" in state.reason
+    assert state.mode == MotionMode.FAULT and "following error" in state.reason
     for _ in range(600):
         state = step(state)
-    assert state.track is None
+    assert state.trajectory is None
     assert "in fault" in PLAYER.accept(state, 2, track, start).reason
 
 
@@ -264,16 +262,20 @@ def test_a_robot_that_does_not_arrive_is_a_fault() -> None:
     for _ in range(2000):
         q, v = PLAYER.reference(state)
         state = PLAYER.advance(state, STEP, 1.0, q + 2e-3, v)
-    assert state.mode == FAULT and "mrad off the end" in state.reason and state.completed == 0
+    assert (
+        state.mode == MotionMode.FAULT
+        and "mrad off the end" in state.reason
+        and state.completed == 0
+    )
 
 
 def test_bad_shapes_are_errors() -> None:
     with pytest.raises(InputError, match="increase"):
-        Track(np.array([0.0, 0.0]), np.zeros((2, 3)), np.zeros((2, 3)))
+        SampledCubic(np.array([0.0, 0.0]), np.zeros((2, 3)), np.zeros((2, 3)))
     with pytest.raises(InputError, match="velocities"):
-        Track(np.array([0.0, 1.0]), np.zeros((2, 3)), np.zeros((2, 2)))
+        SampledCubic(np.array([0.0, 1.0]), np.zeros((2, 3)), np.zeros((2, 2)))
     with pytest.raises(InputError, match="must be"):
-        Track(np.array([0.0]), np.zeros((1, 3)), np.zeros((1, 3)))
+        SampledCubic(np.array([0.0]), np.zeros((1, 3)), np.zeros((1, 3)))
     with pytest.raises(InputError, match="needs 3"):
         TrajectoryPlayer(dc.replace(LIMITS, velocity=np.zeros(2)), AXES)
     with pytest.raises(InputError, match="no finite posture"):

@@ -130,7 +130,7 @@ def test_trajectory_mode_takes_servo_and_job_time_and_answers_then() -> None:
     servo = 0.0
     while controller.starting:
         controller.advance()
-        servo = servo or (controller.time if controller.servo else 0.0)
+        servo = servo or (controller.time if controller.pendant.servo else 0.0)
     (reply,) = controller.late_replies()
     assert MotionReply.of(reply).sequence == 3
     assert servo == pytest.approx(0.1, abs=0.005)
@@ -141,11 +141,11 @@ def test_trajectory_mode_takes_servo_and_job_time_and_answers_then() -> None:
 
 
 BREAKS = [
-    (lambda c: c.press_e_stop(), Subcode.NOT_READY_E_STOP),
-    (lambda c: c.set_mode("teach"), Subcode.NOT_READY_NOT_PLAY),
-    (lambda c: c.set_remote(False), Subcode.NOT_READY_NOT_REMOTE),
-    (lambda c: c.press_hold(), Subcode.NOT_READY_HOLD),
-    (lambda c: c.raise_alarm(4107, lasting=True), Subcode.NOT_READY_ALARM),
+    (lambda c: c.pendant.press_e_stop(), Subcode.NOT_READY_E_STOP),
+    (lambda c: c.pendant.set_mode("teach"), Subcode.NOT_READY_NOT_PLAY),
+    (lambda c: c.pendant.set_remote(False), Subcode.NOT_READY_NOT_REMOTE),
+    (lambda c: c.pendant.press_hold(), Subcode.NOT_READY_HOLD),
+    (lambda c: c.pendant.raise_alarm(4107, lasting=True), Subcode.NOT_READY_ALARM),
 ]
 
 
@@ -184,12 +184,12 @@ def test_hold_leaves_the_queues_of_the_old_firmware_and_its_release_runs_them() 
     run(controller, 0.02)
     waiting = controller.queued
     assert min(waiting) > 0
-    controller.press_hold()
+    controller.pendant.press_hold()
     assert give(controller, point(0, 5)) == (Result.NOT_READY, Subcode.NOT_READY_HOLD)
     run(controller, 0.5)
     assert controller.queued == waiting and controller.status.in_motion == 1
     before = controller.positions
-    controller.release_hold()
+    controller.pendant.release_hold()
     controller.advance()
     assert (controller.positions > before).all() and max(controller.queued) < max(waiting)
 
@@ -198,21 +198,21 @@ def test_a_start_under_way_fails_with_the_reason() -> None:
     controller = make(started=False)
     controller.handle_motion(MotionControl(-1, 3, Command.START_TRAJ_MODE).to_message())
     controller.advance()
-    controller.press_e_stop()
+    controller.pendant.press_e_stop()
     controller.advance()
     (reply,) = controller.late_replies()
     told = MotionReply.of(reply)
     assert (told.result, told.subcode) == (Result.NOT_READY, Subcode.NOT_READY_E_STOP)
-    assert not controller.servo
+    assert not controller.pendant.servo
 
 
 def test_a_start_resets_an_alarm_unless_an_operator_is_needed() -> None:
     controller = make()
-    controller.raise_alarm(4107)
+    controller.pendant.raise_alarm(4107)
     assert controller.status.error_code == 4107 and controller.status.drives_powered == 0
-    controller.press_e_stop()
+    controller.pendant.press_e_stop()
     assert ask(controller, Command.START_TRAJ_MODE) == (Result.NOT_READY, Subcode.NOT_READY_ALARM)
-    controller.release_e_stop()
+    controller.pendant.release_e_stop()
     controller.handle_motion(MotionControl(-1, 3, Command.START_TRAJ_MODE).to_message())
     assert controller.starting and controller.status.in_error == 0
 
@@ -232,7 +232,7 @@ def test_motion_is_possible_only_in_trajectory_mode() -> None:
 def test_the_firmware_of_2013_does_not_say_why_it_is_not_ready() -> None:
     controller = make(started=False, firmware="2013")
     assert ask(controller, Command.CHECK_MOTION_READY) == (Result.FAILURE, 0)
-    controller.press_e_stop()
+    controller.pendant.press_e_stop()
     start_refused = ask(controller, Command.START_TRAJ_MODE)
     assert start_refused == (Result.NOT_READY, Subcode.NOT_READY_E_STOP)
 
@@ -728,7 +728,7 @@ def test_the_header_of_every_reply_says_success() -> None:
         *controller.handle_motion(MotionControl(0, 1, Command.DISCONNECT).to_message()),
         *controller.handle_motion(Message(77, 2, 0, b"")),
     ]
-    controller.press_e_stop()
+    controller.pendant.press_e_stop()
     replies += controller.handle_motion(point(0, 2).to_message())
     results = [MotionReply.of(reply).result for reply in replies]
     assert results == [3, 3, 2, 2, 3, 5]
@@ -813,7 +813,7 @@ def test_disconnect_is_not_answered_but_in_2013() -> None:
     for firmware, replies in (("1.9.12", 0), ("2013", 1)):
         controller = make(firmware=firmware)
         found = controller.handle_motion(MotionControl(0, 1, Command.DISCONNECT).to_message())
-        assert len(found) == replies and not controller.trajectory_mode
+        assert len(found) == replies and not controller.pendant.trajectory_mode
 
 
 # ---------------------------------------------------------------- the motion connection
@@ -887,10 +887,10 @@ def test_a_start_that_finds_trajectory_mode_on_leaves_the_queues() -> None:
 
 def test_what_was_left_is_gone_after_a_stop_on_the_pendant() -> None:
     for clear in (
-        lambda c: c.press_hold(),
-        lambda c: c.set_mode("teach"),
-        lambda c: c.press_e_stop(),
-        lambda c: c.set_remote(False),
+        lambda c: c.pendant.press_hold(),
+        lambda c: c.pendant.set_mode("teach"),
+        lambda c: c.pendant.press_e_stop(),
+        lambda c: c.pendant.set_remote(False),
     ):
         controller = make()
         stream(controller, 30)

@@ -144,8 +144,8 @@ def test_ten_thousand_streams_of_garbage(
     controller = client.controller
     for number in range(1700):
         if name == "motion":
-            controller.servo = controller.trajectory_mode = True
-            controller.clear_alarm()
+            controller.pendant.servo = controller.pendant.trajectory_mode = True
+            controller.pendant.clear_alarm()
         _send(
             client,
             name,
@@ -181,7 +181,7 @@ def test_random_bytes_move_nothing(controller_client: Maker) -> None:
             _send(client, "motion", data, [number] if number % 3 == 0 else [])
         assert [len(points) for points in client.controller.received] == [1, 1, 1]
         assert not client.controller.positions.any() and not client.controller.moving
-        assert client.controller.trajectory_mode and len(client.server.motion) == 1
+        assert client.controller.pendant.trajectory_mode and len(client.server.motion) == 1
 
 
 def test_what_is_taken_of_a_damaged_point_is_what_its_bytes_say() -> None:

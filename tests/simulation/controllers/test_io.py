@@ -58,11 +58,11 @@ def test_servos_and_alarms() -> None:
     assert controller.status.drives_powered == 1
     assert ask(controller, Command.STOP_SERVOS) == (Result.SUCCESS, 0)
     assert controller.status.drives_powered == 0
-    controller.raise_alarm(1, lasting=True)
+    controller.pendant.raise_alarm(1, lasting=True)
     assert ask(controller, Command.RESET_ALARM) == (Result.FAILURE, 0)
     assert ask(controller, Command.START_SERVOS) == (Result.FAILURE, 0)
-    assert not controller.servo
-    controller.clear_alarm()
+    assert not controller.pendant.servo
+    controller.pendant.clear_alarm()
     assert ask(controller, Command.RESET_ALARM) == (Result.SUCCESS, 0)
 
 
@@ -81,7 +81,7 @@ def test_the_kind_of_communication_is_not_looked_at(comm: int) -> None:
     controller = make()
     message = MotionControl(0, 3, Command.START_SERVOS).to_message(comm=comm)
     (reply,) = controller.handle_motion(message)
-    assert MotionReply.of(reply).result == Result.SUCCESS and controller.servo
+    assert MotionReply.of(reply).result == Result.SUCCESS and controller.pendant.servo
 
 
 @pytest.mark.parametrize(
@@ -189,4 +189,4 @@ def test_starts_and_keys_that_cannot_be_are_refused() -> None:
     with pytest.raises(InputError, match="lower needs 13"):
         VirtualController(VirtualControllerSettings(), np.zeros(13), (np.nan, *LIMITS[1:]))
     with pytest.raises(InputError, match="mode 'x'"):
-        make().set_mode("x")
+        make().pendant.set_mode("x")

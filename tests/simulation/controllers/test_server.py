@@ -277,7 +277,7 @@ def test_single_bytes_are_each_answered_and_the_message_is_lost(controller_clien
     for name in ("motion", "io"):
         for byte in range(len(data)):
             assert _answers(client, data[byte : byte + 1], name) == [(3, 3001)]
-    assert not client.controller.servo
+    assert not client.controller.pendant.servo
     assert set(client.server.rejected) == {("motion", "size"), ("io", "size")}
     assert len(client.server.rejected) == 2 * len(data)
 
@@ -291,7 +291,7 @@ def test_each_piece_of_a_message_is_answered_as_if_it_were_one(
     answers = _answers(client, data[:place]) + _answers(client, data[place:])
     # What is long enough for a header is taken for one, of a type that is not there.
     assert answers == [(3, 3001), (3, 3003) if len(data) - place >= 16 else (3, 3001)]
-    assert not client.controller.servo
+    assert not client.controller.pendant.servo
     assert _answers(client, READY.encode()) == [(2, 5006)]
 
 
@@ -392,7 +392,7 @@ def test_the_firmware_of_2013_takes_a_read_that_is_one_message(controller_client
     together = b"".join(MotionControl(-1, 1, c).to_message().encode() for c in commands)
     assert set(_answers(client, together)) == {(3, 0)}
     # Not one of them was obeyed, and nothing of it is left.
-    assert min(client.controller.queued) > 0 and client.controller.trajectory_mode
+    assert min(client.controller.queued) > 0 and client.controller.pendant.trajectory_mode
     assert client.server.motion
     assert _answers(client, READY.encode()) == [(0, 0)]
     assert _answers(client, READY.encode()[:-1]) == [(3, 0)]

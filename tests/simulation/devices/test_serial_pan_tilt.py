@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from unwrinkle.hardware.pan_tilt.driver import PanTiltDriver
-from unwrinkle.hardware.pan_tilt.serial_port import SerialLink, open_serial
+from unwrinkle.hardware.pan_tilt.serial_port import SerialLink, fill, open_serial
 from unwrinkle.models.errors import HardwareError, InputError
 from unwrinkle.models.site import PanTiltSite
 from unwrinkle.simulation.devices.serial_pan_tilt import (
@@ -153,9 +153,9 @@ def _exchange(
     now = 0.0
     for turn in range(2000):
         driver.poll(now)
-        assert port.fill(link.sent, 2.0)
+        assert fill(port, link.sent, 2.0)
         port.poll(core, now)
-        assert link.fill(port.sent, 2.0)
+        assert fill(link, port.sent, 2.0)
         now += 0.01
         if driver.status.still:
             return turn

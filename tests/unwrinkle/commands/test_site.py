@@ -101,7 +101,7 @@ def left_in_motion(running: Running) -> np.ndarray:
     link = TcpLink.connect(c.host, c.motion_port, 2.0, "a client that dies")
     link.send(MotionControl(-1, 0, Command.START_TRAJ_MODE).to_message().encode())
     end = time.monotonic() + 5.0
-    while not controller.trajectory_mode and time.monotonic() < end:
+    while not controller.pendant.trajectory_mode and time.monotonic() < end:
         time.sleep(0.01)
     for sequence in range(3):  # half a second at constant speed
         for group, size in enumerate((6, 6, 1)):
@@ -161,7 +161,7 @@ def test_the_queues_are_emptied_once_that_is_confirmed(
 
 def test_what_the_robot_says(start: Callable[..., Running], cell: Cell) -> None:
     running = start()
-    running.controller.press_e_stop()
+    running.controller.pendant.press_e_stop()
     rows = rows_of(running.site, cell)
     assert bad(rows) == ["robot status"]
     assert "emergency stop" in rows["robot status"].text
@@ -236,7 +236,7 @@ def test_the_command(
 
     assert check(str(path)) == 0
     assert "every device answers" in capsys.readouterr().out
-    running.controller.press_e_stop()
+    running.controller.pendant.press_e_stop()
     assert check(str(path)) == 4
     captured = capsys.readouterr()
     assert "an emergency stop is pressed" in captured.out

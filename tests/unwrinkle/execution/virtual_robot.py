@@ -54,7 +54,7 @@ while (now := time.monotonic()) < end:
     if select.select([0], [], [], 0.001)[0]:
         said = os.read(0, 100).split()
         if b"e_stop" in said:
-            controller.press_e_stop()
+            controller.pendant.press_e_stop()
         if b"end" in said or not said:
             break
 server.close()

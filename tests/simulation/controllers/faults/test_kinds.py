@@ -130,10 +130,10 @@ def test_garbage_is_sent_where_it_is_asked_for(
     client.poll(0.025)
     client.send("motion", READY)
     client.poll()
-    spoilt, whole = ("motion", "state") if motion else ("state", "motion")
+    corrupted, whole = ("motion", "state") if motion else ("state", "motion")
     assert client.read(whole)
     with pytest.raises(WireError) as caught:
-        client.read(spoilt)
+        client.read(corrupted)
     assert caught.value.name in names
 
 
@@ -190,7 +190,7 @@ def test_a_message_that_is_cut_is_lost(controller_client: Maker, value: float) -
     assert len(told) == 2  # one for each piece
     assert {(t.result, t.subcode) for t in told} <= {(3, 3001), (3, 3003)}
     assert told[0].subcode == 3001
-    assert not client.controller.servo and client.server.motion
+    assert not client.controller.pendant.servo and client.server.motion
 
 
 def test_buffers_are_small(controller_client: Maker) -> None:
@@ -413,9 +413,9 @@ def test_faults_can_be_added_while_it_runs(controller_client: Maker) -> None:
     client.poll(0.5)
     client.server.commit(ServerFault("hold", at=0.6))
     client.poll(0.05)
-    assert not client.controller.hold
+    assert not client.controller.pendant.hold
     client.poll(0.05)
-    assert client.controller.hold
+    assert client.controller.pendant.hold
 
 
 def test_an_axis_that_is_not_there_is_refused() -> None:
