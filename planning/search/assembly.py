@@ -10,7 +10,7 @@ from unwrinkle.models.scenario import Smoothing
 from unwrinkle.planning.plan import GripperEvent, PoseMark, Segment
 from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.search.key_poses import PIECES, POSES
-from unwrinkle.planning.search.motion_search import SevenPoseMotion as Motion
+from unwrinkle.planning.search.motion_search import SevenPoseMotion
 from unwrinkle.planning.search.settings import PlannerSettings
 from unwrinkle.planning.search.transit import Transit
 from unwrinkle.planning.sent_samples import MILLISECONDS, whole_millisecond, whole_milliseconds
@@ -39,7 +39,7 @@ class MotionTiming:
         self._smoothing = Smoothing(cell.scenario.timing.smoothing)
         self._period = sampling_period(settings.sample_time, cell.scenario.speed)
 
-    def pieces(self, motion: Motion) -> list[TimedPath]:
+    def pieces(self, motion: SevenPoseMotion) -> list[TimedPath]:
         """The motion's three pieces, each from rest to rest; the tools' speed is capped where they hold cloth.
 
         Raises:
@@ -79,7 +79,7 @@ class MotionTiming:
         )
 
     def segments(
-        self, motion: Motion, pieces: list[TimedPath], ways: tuple[Transit, Transit]
+        self, motion: SevenPoseMotion, pieces: list[TimedPath], ways: tuple[Transit, Transit]
     ) -> tuple[tuple[Segment, ...], tuple[GripperEvent, ...]]:
         """The motion as samples between gripper events, on one clock, all of it on whole milliseconds.
 
@@ -136,7 +136,9 @@ def _held(points: Array, samples: Samples) -> Samples:
     return t, q, v
 
 
-def _marks(motion: Motion, piece: int, samples: Samples, begin: float) -> tuple[PoseMark, ...]:
+def _marks(
+    motion: SevenPoseMotion, piece: int, samples: Samples, begin: float
+) -> tuple[PoseMark, ...]:
     """When a piece passes its poses; the middle one where the arms come nearest to it."""
     t, q, _ = samples
     middle = motion.paths[piece][motion.corner_index[piece]]

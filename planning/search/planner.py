@@ -22,7 +22,7 @@ from unwrinkle.planning.search.assembly import MotionTiming
 from unwrinkle.planning.search.failure import PlanFailure, explain, off_table
 from unwrinkle.planning.search.hand_paths import HandCandidate
 from unwrinkle.planning.search.motion_search import MotionSearch
-from unwrinkle.planning.search.motion_search import SevenPoseMotion as Motion
+from unwrinkle.planning.search.motion_search import SevenPoseMotion
 from unwrinkle.planning.search.settings import PlannerSettings, with_turntable_at
 from unwrinkle.planning.search.transit import Transit, TransitPlanner
 from unwrinkle.planning.timing.joint_path import TimedPath
@@ -193,7 +193,7 @@ class FlatteningPlanner:
             home[0] = start[0]
         return home
 
-    def ways(self, start: Array, motion: Motion) -> tuple[Transit, Transit] | None:
+    def ways(self, start: Array, motion: SevenPoseMotion) -> tuple[Transit, Transit] | None:
         """The ways from a start to a motion and from there home; None where there is none."""
         there = self._transits.plan(start, motion.paths[0][0])
         if there is None:
@@ -203,7 +203,7 @@ class FlatteningPlanner:
 
     def timed(
         self,
-        motion: Motion,
+        motion: SevenPoseMotion,
         ways: tuple[Transit, Transit],
         target: FlatteningTarget,
         garment: GarmentSurface | None,
@@ -257,7 +257,7 @@ class _Attempt:
         self.times = Timings()
         self.result: PlanResult | None = None
 
-    def accept(self, motion: Motion) -> bool:
+    def accept(self, motion: SevenPoseMotion) -> bool:
         """Whether the search is over: the motion will do, no motion can be timed, or too many plans were refused."""
         clock = time.perf_counter()
         ways = self._planner.ways(self._start, motion)
