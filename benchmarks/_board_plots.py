@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from unwrinkle.models.archive import load_archive
+from unwrinkle.models.io.archive import load_archive
 
 OURS, PUBLISHED = "#2a6f97", "#9aa5ab"
 #: Heights of cloth are drawn from 0 to this, mm.

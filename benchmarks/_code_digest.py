@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.loader_yaml import models_dir
+from unwrinkle.models.io.loader_yaml import models_dir
 
 _PACKAGE = "unwrinkle"
 _DATA = ("*.yaml", "*.urdf", "*.sdf")

@@ -19,7 +19,7 @@ from unwrinkle.hardware.controller_state import FAULT, READY
 from unwrinkle.hardware.motoros.wire import Command
 from unwrinkle.hardware.run_log.reader import read_run_log
 from unwrinkle.hardware.run_log.writer import RunLog
-from unwrinkle.models.loader_yaml import models_dir
+from unwrinkle.models.io.loader_yaml import models_dir
 
 
 def _folder(case: Case, name: str) -> Path:

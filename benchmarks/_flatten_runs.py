@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from unwrinkle.models.archive import load_archive
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.loader_yaml import models_dir
+from unwrinkle.models.io.archive import load_archive
+from unwrinkle.models.io.loader_yaml import models_dir
 from unwrinkle.planning.plan import FlatteningPlan
 
 _RECORD = "bench.json"

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from unwrinkle.benchmarks._baseline_policies import POLICIES, Pull, carried_out
 from unwrinkle.benchmarks._loop_rows import VERTICES, changed, start_of
 from unwrinkle.benchmarks._rows import Row
-from unwrinkle.models.archive import save_archive
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.io.archive import save_archive
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.scenario import Scenario, load_scenario
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothError, ClothState

@@ -8,7 +8,7 @@ from typing import Any
 
 from unwrinkle.benchmarks._table2_page import cell_name
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.files import write_text
+from unwrinkle.models.io.files import write_text
 
 BEGIN, END = "<!-- boards: begin -->", "<!-- boards: end -->"
 #: Of a line: what was measured, published, here, and the target with whether it is met; empty where there is none.

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from unwrinkle.benchmarks._grasp_states import cloth_of, start_of, state_named
 from unwrinkle.benchmarks._loop_rows import VERTICES
 from unwrinkle.benchmarks._rows import Row
-from unwrinkle.models.archive import save_archive
 from unwrinkle.models.arrays import Array
+from unwrinkle.models.io.archive import save_archive
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.perception.wrinkles.analysis import Analysis, analyse
 from unwrinkle.perception.wrinkles.grasp_proposal import (

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 
 from unwrinkle.flattening.state import Action, Mode, SupervisorState
-from unwrinkle.models.archive import save_archive
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.io.archive import save_archive
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.scenario import Scenario, load_scenario, with_sensor
 from unwrinkle.perception.stereo.compile_cache import ensure_compiled

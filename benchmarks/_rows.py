@@ -18,7 +18,7 @@ from typing import Any, cast
 from unwrinkle.benchmarks._code_digest import code_digest
 from unwrinkle.benchmarks.report import Progress
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.files import write_json
+from unwrinkle.models.io.files import write_json
 
 #: Where rows are kept, below the folder that the command is given in.
 ROOT = Path("out") / "boards"

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.benchmarks._plan_tasks import Task, tasks
-from unwrinkle.models.archive import load_archive, save_archive
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.io.archive import load_archive, save_archive
 from unwrinkle.models.limits import Limits
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.planning.robot.collision import CollisionModel

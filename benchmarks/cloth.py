@@ -12,7 +12,7 @@ from unwrinkle.benchmarks import _cloth_checks, _cloth_rest
 from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.benchmarks.report import Progress
 from unwrinkle.models.cloth import load_material
-from unwrinkle.models.files import atomic_path
+from unwrinkle.models.io.files import atomic_path
 from unwrinkle.simulation.cloth.cloth import Cloth
 from unwrinkle.simulation.cloth.initial_states import start_state
 from unwrinkle.simulation.cloth.measures import height_map, measure

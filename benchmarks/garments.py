@@ -25,8 +25,8 @@ from unwrinkle.benchmarks._loop_rows import VERTICES
 from unwrinkle.benchmarks._rows import rows_wall, run_rows
 from unwrinkle.benchmarks._statistics import Spread, mean_interval
 from unwrinkle.benchmarks.report import Progress
-from unwrinkle.models.archive import load_archive
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.io.archive import load_archive
 
 SUCCESS = 0.95  # coverage
 #: Learned results on other starts, cloths and simulators, by their abstracts: start kind they are nearest to, label,

@@ -3,5 +3,5 @@
 from unwrinkle.models.errors import InputError as InputError
 from unwrinkle.models.errors import NoSafePlanError as NoSafePlanError
 from unwrinkle.models.errors import UnwrinkleError as UnwrinkleError
-from unwrinkle.models.loader_yaml import load_yaml as load_yaml
-from unwrinkle.models.loader_yaml import models_dir as models_dir
+from unwrinkle.models.io.loader_yaml import load_yaml as load_yaml
+from unwrinkle.models.io.loader_yaml import models_dir as models_dir

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.loader_yaml import models_dir
+from unwrinkle.models.io.loader_yaml import models_dir
 
 
 @dataclass(frozen=True)

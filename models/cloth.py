@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.loader_yaml import load_yaml, models_dir
+from unwrinkle.models.io.loader_yaml import load_yaml, models_dir
 
 # Plausible ranges; a value outside is most likely in another unit.
 _RANGES = {

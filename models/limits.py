@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.loader_yaml import load_yaml
+from unwrinkle.models.io.loader_yaml import load_yaml
 
 ARM_AXES = ("s", "l", "u", "r", "b", "t")
 

@@ -21,9 +21,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.planning import RobotDiagram, RobotDiagramBuilder
 
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.io.loader_yaml import load_yaml, models_dir
+from unwrinkle.models.io.model_files import files_named_by
 from unwrinkle.models.limits import Limits, load_limits
-from unwrinkle.models.loader_yaml import load_yaml, models_dir
-from unwrinkle.models.model_files import files_named_by
 from unwrinkle.models.scenario import Scenario, load_scenario, resolve
 from unwrinkle.models.table import Table
 

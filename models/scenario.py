@@ -9,7 +9,7 @@ import yaml
 
 from unwrinkle.models.choices import PulledSlack, PullReading, SectionPlace
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.loader_yaml import load_yaml, models_dir
+from unwrinkle.models.io.loader_yaml import load_yaml, models_dir
 
 STATION_FORMS = ("sim", "loopback", "hardware")
 SENSOR_KINDS = ("stereo", "depth", "truth")

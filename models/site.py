@@ -6,7 +6,7 @@ from math import isfinite
 from pathlib import Path
 
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.loader_yaml import load_yaml, models_dir
+from unwrinkle.models.io.loader_yaml import load_yaml, models_dir
 
 PROFILES = ("groups", "ex")
 SYNCHRO = ("off", "start", "each")

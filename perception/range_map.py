@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models import InputError
-from unwrinkle.models.archive import load_archive, save_archive
+from unwrinkle.models.io.archive import load_archive, save_archive
 
 _FORMAT = "unwrinkle.range_map"
 _VERSION = 1

@@ -11,9 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models.archive import load_archive, save_archive
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.json_fields import as_number, field, flags, integer, items, number, only, text
+from unwrinkle.models.io.archive import load_archive, save_archive
+from unwrinkle.models.io.json_fields import (
+    as_number,
+    field,
+    flags,
+    integer,
+    items,
+    number,
+    only,
+    text,
+)
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.planning.trajectory import Trajectory

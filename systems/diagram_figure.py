@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from unwrinkle.models.files import atomic_path
+from unwrinkle.models.io.files import atomic_path
 from unwrinkle.systems.diagram import (
     ANALYSIS,
     PERCEPTION,

@@ -12,7 +12,7 @@ import yaml
 
 from unwrinkle.models import InputError, load_yaml
 from unwrinkle.models.arrays import Pose
-from unwrinkle.models.files import write_text
+from unwrinkle.models.io.files import write_text
 from unwrinkle.models.transforms import PoseRecord
 from unwrinkle.perception.calibration.boards import Board, BoardView, NoBoard, find_board, load_grey
 from unwrinkle.perception.calibration.head import HeadView

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models import InputError, load_yaml
-from unwrinkle.models.archive import archive_members, load_archive, save_archive
 from unwrinkle.models.errors import InsufficientViewError
+from unwrinkle.models.io.archive import archive_members, load_archive, save_archive
 from unwrinkle.models.transforms import PoseRecord, check_pose
 from unwrinkle.perception.camera import Camera, load_camera
 

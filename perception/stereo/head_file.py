@@ -13,7 +13,7 @@ from pathlib import Path
 import yaml
 
 from unwrinkle.models import InputError, load_yaml, models_dir
-from unwrinkle.models.files import write_text
+from unwrinkle.models.io.files import write_text
 from unwrinkle.models.limits import HeadLimits, load_limits
 from unwrinkle.models.scenario import resolve
 from unwrinkle.models.transforms import PoseRecord

@@ -21,8 +21,7 @@ from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.search.assembly import MotionTiming
 from unwrinkle.planning.search.failure import PlanFailure, explain, off_table
 from unwrinkle.planning.search.hand_paths import HandCandidate
-from unwrinkle.planning.search.motion_search import MotionSearch
-from unwrinkle.planning.search.motion_search import SevenPoseMotion
+from unwrinkle.planning.search.motion_search import MotionSearch, SevenPoseMotion
 from unwrinkle.planning.search.settings import PlannerSettings, with_turntable_at
 from unwrinkle.planning.search.transit import Transit, TransitPlanner
 from unwrinkle.planning.timing.joint_path import TimedPath

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models.archive import load_archive, save_archive
 from unwrinkle.models.errors import InputError, UnwrinkleError
+from unwrinkle.models.io.archive import load_archive, save_archive
 from unwrinkle.models.shared import Shared
 
 HANDS = ("right", "left")

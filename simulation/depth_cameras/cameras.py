@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from unwrinkle.models.arrays import Pose
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.loader_yaml import load_yaml, models_dir
+from unwrinkle.models.io.loader_yaml import load_yaml, models_dir
 from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.simulation.depth_cameras._base import DepthCameraModel
 from unwrinkle.simulation.depth_cameras.structured_light import StructuredLightCamera

@@ -13,8 +13,8 @@ from unwrinkle.benchmarks import _garment_rows, garments
 from unwrinkle.benchmarks._garment_rows import METHODS, by_policy, made
 from unwrinkle.benchmarks._loop_rows import VERTICES
 from unwrinkle.benchmarks._rows import Row
-from unwrinkle.models.archive import load_archive, save_archive
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.io.archive import load_archive, save_archive
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothError, ClothState
 
 # Ours is done after two actions; random spoils the garment; contour gets over 95 % and falls back.

@@ -11,8 +11,8 @@ from unwrinkle.benchmarks import grasps
 from unwrinkle.benchmarks._grasp_rows import CHOICES, OURS, grasped, wanted
 from unwrinkle.benchmarks._grasp_states import STATES, cloth_of, start_of
 from unwrinkle.benchmarks._loop_rows import VERTICES
-from unwrinkle.models.archive import save_archive
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.io.archive import save_archive
 from unwrinkle.models.robot import load_cell
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from unwrinkle.benchmarks._loop_rows import VERTICES, changed, flattened
-from unwrinkle.models.archive import load_archive
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.io.archive import load_archive
 from unwrinkle.models.scenario import load_scenario
 
 SETTINGS = {

@@ -21,8 +21,8 @@ from unwrinkle.benchmarks._trajectory_paths import (
     load_paths,
 )
 from unwrinkle.benchmarks._trajectory_rows import find, problem_of
-from unwrinkle.models.archive import load_archive, save_archive
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.io.archive import load_archive, save_archive
 from unwrinkle.models.robot import load_cell
 from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.search.key_poses import POSES

@@ -10,8 +10,8 @@ from unwrinkle.hardware.controller.driver import ControllerDriver
 from unwrinkle.hardware.motoros.wire import MessageType, MotionControl
 from unwrinkle.hardware.run_log.protocol import RunLogger
 from unwrinkle.hardware.streaming.sent_cubics import StreamLimits
+from unwrinkle.models.io.loader_yaml import models_dir
 from unwrinkle.models.limits import Limits, load_limits
-from unwrinkle.models.loader_yaml import models_dir
 from unwrinkle.models.site import ControllerSite
 from unwrinkle.planning.sent_samples import as_float32
 from unwrinkle.planning.trajectory import AXES, Trajectory, rate_extremes

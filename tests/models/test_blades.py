@@ -6,7 +6,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
 from unwrinkle.models.blades import load_blades
-from unwrinkle.models.loader_yaml import models_dir
+from unwrinkle.models.io.loader_yaml import models_dir
 
 
 def test_numbers_of_the_description() -> None:

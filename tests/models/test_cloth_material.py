@@ -7,7 +7,7 @@ import pytest
 
 from unwrinkle.models.cloth import ClothMaterial, load_material, material_names
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.loader_yaml import models_dir
+from unwrinkle.models.io.loader_yaml import models_dir
 
 
 @pytest.mark.parametrize("name", material_names())

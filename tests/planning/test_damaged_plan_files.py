@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from unwrinkle.models.archive import load_archive
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.io.archive import load_archive
 from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.planning.plan import FlatteningPlan, GarmentSurface
 from unwrinkle.planning.search.planner import FlatteningPlanner

@@ -7,8 +7,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from unwrinkle.models.archive import load_archive, save_archive
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.io.archive import load_archive, save_archive
 from unwrinkle.planning.plan import FlatteningPlan, GarmentSurface
 from unwrinkle.planning.trajectory import Trajectory
 

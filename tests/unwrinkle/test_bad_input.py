@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from unwrinkle import cli
-from unwrinkle.models.archive import load_archive, save_archive
+from unwrinkle.models.io.archive import load_archive, save_archive
 from unwrinkle.models.robot import model_file
 
 Run = Callable[..., tuple[int, str]]

@@ -27,7 +27,7 @@ def bench(
     from rich.progress import Progress, TimeElapsedColumn
 
     from unwrinkle.benchmarks import report as reports
-    from unwrinkle.models.files import write_json, write_text
+    from unwrinkle.models.io.files import write_json, write_text
 
     benchmark = _find(name)
     with Progress(

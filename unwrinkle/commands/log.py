@@ -50,7 +50,7 @@ def replay(
 
     from unwrinkle.hardware.run_log.reader import read_run_log
     from unwrinkle.logs.replay import cell_of, plan_of, replay_page
-    from unwrinkle.models.files import write_text
+    from unwrinkle.models.io.files import write_text
 
     records = read_run_log(path)
     page = path.with_suffix(".html") if html is None else html

@@ -142,7 +142,7 @@ def _nothing_planned(
 def _save_plan(
     folder: Path, plan: "FlatteningPlan", verdict: "Verdict", cell: "Cell", title: str
 ) -> None:
-    from unwrinkle.models.files import write_json, write_text
+    from unwrinkle.models.io.files import write_json, write_text
     from unwrinkle.viewer.overlay import PreviewSummary
     from unwrinkle.viewer.preview import preview_page
 

@@ -26,7 +26,7 @@ def preview(
     """Verify a plan and show it, with its hash and verdict; exit code 3 if it is not verified."""
     from rich.console import Console
 
-    from unwrinkle.models.files import write_text
+    from unwrinkle.models.io.files import write_text
     from unwrinkle.models.robot import load_cell
     from unwrinkle.models.scenario import load_scenario
     from unwrinkle.planning.plan import FlatteningPlan

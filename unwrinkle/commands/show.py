@@ -19,7 +19,7 @@ def show(
     """Show the cell, as it looks and as the collision checks see it."""
     from rich.console import Console
 
-    from unwrinkle.models.files import write_text
+    from unwrinkle.models.io.files import write_text
     from unwrinkle.models.robot import load_cell
     from unwrinkle.models.scenario import load_scenario
     from unwrinkle.viewer.cell_view import CellView

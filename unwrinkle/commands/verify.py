@@ -24,7 +24,7 @@ def verify(
     """Verify a plan and print every check with its margin; exit code 3 if it is not verified."""
     from rich.console import Console
 
-    from unwrinkle.models.files import write_json
+    from unwrinkle.models.io.files import write_json
     from unwrinkle.models.robot import load_cell
     from unwrinkle.models.scenario import load_scenario
     from unwrinkle.planning.plan import FlatteningPlan

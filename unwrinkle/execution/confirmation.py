@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unwrinkle.models.files import write_text
+from unwrinkle.models.io.files import write_text
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification.verdict import Verdict

@@ -22,7 +22,7 @@ from unwrinkle.execution.preflight import Preflight, chosen_speed, last_look, pr
 from unwrinkle.garbage import collected_at_rest
 from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.models.errors import HardwareError, InputError, NoSafePlanError
-from unwrinkle.models.files import write_text
+from unwrinkle.models.io.files import write_text
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification.verifier import verify
 from unwrinkle.site.equipment import Equipment, connected

@@ -8,7 +8,7 @@ from typing import Any
 
 from unwrinkle.hardware.run_log.reader import RunLogRecords
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.files import atomic_path
+from unwrinkle.models.io.files import atomic_path
 
 _NUMBERS = {"type": "array", "items": {"type": "number"}}
 _TIME = {

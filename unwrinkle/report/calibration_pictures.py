@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from unwrinkle.models.files import atomic_path
+from unwrinkle.models.io.files import atomic_path
 from unwrinkle.perception.camera import Camera
 
 _COLOURS = ("#1f6fb2", "#c8553d")

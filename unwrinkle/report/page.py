@@ -7,7 +7,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from unwrinkle.models.files import write_text
+from unwrinkle.models.io.files import write_text
 from unwrinkle.report.charts import Series, line_chart, stage_chart
 from unwrinkle.report.look_card import STATUS, ReadLook, look_card, look_name
 from unwrinkle.report.pictures import (

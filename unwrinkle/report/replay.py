@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.files import write_text
+from unwrinkle.models.io.files import write_text
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.report.look_card import STATUS, ReadLook, look_name, look_picture

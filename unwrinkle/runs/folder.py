@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models.archive import load_archive, save_archive
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.files import write_json, write_text
+from unwrinkle.models.io.archive import load_archive, save_archive
+from unwrinkle.models.io.files import write_json, write_text
 from unwrinkle.runs.look_folder import LookFolder, read_json
 from unwrinkle.runs.records import ActionRecord, MotionRecord, RunSettings, SegmentMark
 

@@ -15,7 +15,7 @@ from unwrinkle.flattening.flattener import analysis_report
 from unwrinkle.flattening.observation import Observation
 from unwrinkle.flattening.policy import Stop
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.files import atomic_path, write_json
+from unwrinkle.models.io.files import atomic_path, write_json
 from unwrinkle.perception.depth.capture import Capture, load_capture, save_capture
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.stereo.head import Gaze

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from unwrinkle.flattening.flattener import Choice, NoChoice
-from unwrinkle.models.files import atomic_path
+from unwrinkle.models.io.files import atomic_path
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.wrinkles.analysis import Analysis
 from unwrinkle.perception.wrinkles.surface import CLASS_NAMES

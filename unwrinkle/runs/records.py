@@ -11,9 +11,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from unwrinkle.models.archive import load_archive, save_archive
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.io.archive import load_archive, save_archive
 from unwrinkle.planning.trajectory import AXES
 
 #: Stages of an action whose wall-clock seconds are kept, in the order in which they happen.

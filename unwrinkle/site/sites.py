@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.loader_yaml import models_dir
+from unwrinkle.models.io.loader_yaml import models_dir
 from unwrinkle.models.site import Site, load_site
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydrake.geometry import MeshcatAnimation
 
 from unwrinkle.models.arrays import Array
-from unwrinkle.models.files import write_text
+from unwrinkle.models.io.files import write_text
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification.verdict import Verdict

@@ -19,8 +19,8 @@ from unwrinkle.hardware.motoros.wire import Command, MessageType, MotionControl
 from unwrinkle.hardware.run_log.reader import read_run_log
 from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.models.errors import ConnectionLostError, InUseError
+from unwrinkle.models.io.loader_yaml import models_dir
 from unwrinkle.models.limits import Limits, load_limits
-from unwrinkle.models.loader_yaml import models_dir
 from unwrinkle.models.site import ControllerSite
 from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.simulation.controllers.controller import VirtualController, VirtualControllerSettings
@@ -163,7 +163,7 @@ _PARENT = """
 import sys, time, numpy as np
 from unwrinkle.hardware.controller.process import DriverProcess
 from unwrinkle.models.limits import load_limits
-from unwrinkle.models.loader_yaml import models_dir
+from unwrinkle.models.io.loader_yaml import models_dir
 from unwrinkle.models.site import ControllerSite
 from unwrinkle.planning.trajectory import Trajectory
 u = np.linspace(0.0, 1.0, 626)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.loader_yaml import models_dir
+from unwrinkle.models.io.loader_yaml import models_dir
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import GripperSettings, Scenario
 from unwrinkle.perception.target import FlatteningTarget

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from unwrinkle.models.archive import save_archive
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.io.archive import save_archive
 from unwrinkle.simulation.cloth.state import ClothState, Grip, checked_pose
 
 

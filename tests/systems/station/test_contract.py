@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from unwrinkle.flattening.station_messages import HOLDING, IDLE, RUNNING
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.stereo.head import Gaze
+from unwrinkle.planning.motion_mode import MotionMode
 from unwrinkle.planning.trajectory import Trajectory
 
 pytestmark = pytest.mark.alone
@@ -47,7 +47,7 @@ def _until(rig: Any, done: Callable[[Any], bool], port: str = "controller.status
 
 def test_at_first_it_rests(rig: Any, station_cell: Cell) -> None:
     status = rig.read("controller.status")
-    assert status.state == IDLE and status.reason == ""
+    assert status.state == MotionMode.IDLE and status.reason == ""
     np.testing.assert_allclose(
         rig.read("joints.position_measured"), station_cell.robot.named_states["home"], atol=1e-4
     )
@@ -61,9 +61,9 @@ def test_a_trajectory_is_run_to_its_end_once(rig: Any, swing: Swing) -> None:
     start = rig.read("joints.position_measured")
     motion = swing(start, axis=8, way=0.3)
     number = rig.send_motion(motion)
-    _until(rig, lambda s: s.state == RUNNING and s.command == number)
+    _until(rig, lambda s: s.state == MotionMode.RUNNING and s.command == number)
     status = _until(rig, lambda s: s.completed == number)
-    assert status.state == IDLE and status.reason == ""
+    assert status.state == MotionMode.IDLE and status.reason == ""
     end = rig.read("joints.position_measured")
     np.testing.assert_allclose(end, motion.positions[-1], atol=6e-4)
     rig.resend(number, swing(end, axis=8, way=-0.3))  # a number seen before is no new command
@@ -77,9 +77,9 @@ def test_a_hold_ends_at_rest_on_the_path(rig: Any, swing: Swing) -> None:
     number = rig.send_motion(swing(start, axis=1, way=0.5, duration=2.0))
     _until(rig, lambda p: p[1] - start[1] > 0.1, "joints.position_measured")
     hold = rig.send_motion(None)
-    _until(rig, lambda s: s.state == HOLDING or s.completed == hold)
+    _until(rig, lambda s: s.state == MotionMode.HOLDING or s.completed == hold)
     status = _until(rig, lambda s: s.completed == hold)
-    assert status.state == IDLE and number < hold
+    assert status.state == MotionMode.IDLE and number < hold
     rig.go(0.3)
     moved = rig.read("joints.position_measured") - start
     assert 0.1 < moved[1] < 0.5
@@ -92,7 +92,7 @@ def test_a_trajectory_from_elsewhere_is_refused(rig: Any, swing: Swing) -> None:
     there = rig.read("joints.position_measured")
     number = rig.send_motion(swing(there + 3e-3))
     status = _until(rig, lambda s: s.command == number and s.reason)
-    assert status.state == IDLE and status.completed != number
+    assert status.state == MotionMode.IDLE and status.completed != number
     assert "mrad" in status.reason
     rig.go(0.5)
     np.testing.assert_allclose(rig.read("joints.position_measured"), there, atol=2e-4)

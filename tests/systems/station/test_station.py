@@ -7,15 +7,12 @@ import numpy as np
 import pytest
 
 from unwrinkle.flattening.station_messages import (
-    FAULT,
-    HOLDING,
-    IDLE,
-    RUNNING,
     ControllerStatus,
     GripperStatus,
 )
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
+from unwrinkle.planning.motion_mode import MotionMode
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.search.planner import FlatteningPlanner
@@ -72,7 +69,11 @@ def test_the_arms_follow_a_plan_and_keep_their_hands_apart(
     distance = {}
     for segment, event in zip(plan.segments, [*plan.events, None], strict=True):
         status = bench.run(segment.trajectory)
-        assert (status.state, status.completed, status.reason) == (IDLE, bench.number, "")
+        assert (status.state, status.completed, status.reason) == (
+            MotionMode.IDLE,
+            bench.number,
+            "",
+        )
         motion = bench.station.motion_log.last(bench.context)
         assert motion.number == bench.number
         assert motion.following_error < 1e-3  # asked and measured at the same instant
@@ -106,7 +107,7 @@ def test_the_arms_follow_a_plan_and_keep_their_hands_apart(
 def test_a_trajectory_from_elsewhere_is_refused(bench: Any, swing: Swing) -> None:
     there = bench.read("joints.position_measured")
     status = bench.run(swing(there + 2e-3), 0.1)
-    assert status.state == IDLE and status.command == 1 and status.completed == 0
+    assert status.state == MotionMode.IDLE and status.command == 1 and status.completed == 0
     assert "mrad off its start" in status.reason
     np.testing.assert_allclose(bench.read("joints.position_measured"), there, atol=1e-6)
     assert bench.run(swing(there)).completed == 2  # the next one is taken
@@ -114,11 +115,14 @@ def test_a_trajectory_from_elsewhere_is_refused(bench: Any, swing: Swing) -> Non
 
 def test_a_hold_brakes_on_the_path(bench: Any, swing: Swing) -> None:
     start = bench.read("joints.position_measured")
-    assert bench.run(swing(start), 0.45).state == RUNNING
-    assert bench.run(None, 0.05).state == HOLDING
+    assert bench.run(swing(start), 0.45).state == MotionMode.RUNNING
+    assert bench.run(None, 0.05).state == MotionMode.HOLDING
     bench.go(1.5)
     status = bench.read("controller.status")
-    assert (status.state, status.completed) == (IDLE, 2) and "hold commanded" in status.reason
+    assert (status.state, status.completed) == (
+        MotionMode.IDLE,
+        2,
+    ) and "hold commanded" in status.reason
     moved = bench.read("joints.position_measured") - start
     assert 0.1 < moved[1] < 0.4
     np.testing.assert_allclose(np.delete(moved, 1), 0.0, atol=1e-4)
@@ -129,7 +133,7 @@ def test_the_override_slows_and_pauses(bench: Any, swing: Swing) -> None:
     port = bench.station.GetInputPort("speed_override")
     port.FixValue(bench.context, [0.5])
     start = bench.read("joints.position_measured")
-    assert bench.run(swing(start), 1.5).state == RUNNING  # planned for one second
+    assert bench.run(swing(start), 1.5).state == MotionMode.RUNNING  # planned for one second
     fastest = np.abs(bench.station.motion_log.last(bench.context).velocities).max()
     assert fastest == pytest.approx(0.5 * 1.875 * 0.4, rel=0.02)
     port.FixValue(bench.context, [0.0])
@@ -150,7 +154,7 @@ def test_a_dead_axis_is_a_fault(bench: Any, swing: Swing) -> None:
     joint.Lock(plant.GetMyMutableContextFromRoot(bench.context))
     bench.go(1.5)
     status = bench.read("controller.status")
-    assert status.state == FAULT and "following error" in status.reason
+    assert status.state == MotionMode.FAULT and "following error" in status.reason
     assert "in fault" in bench.run(swing(start), 0.1).reason
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from unwrinkle.models.archive import load_archive
+from unwrinkle.models.io.archive import load_archive
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.runs.folder import RunFolder
 

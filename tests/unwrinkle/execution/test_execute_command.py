@@ -205,7 +205,7 @@ def test_a_robot_elsewhere_is_not_moved(bench_with: Callable[..., Bench]) -> Non
 
 
 def test_a_moved_table_is_refused(bench_with: Callable[..., Bench], tmp_path: Path) -> None:
-    from unwrinkle.models.loader_yaml import models_dir
+    from unwrinkle.models.io.loader_yaml import models_dir
 
     text = (models_dir() / "cell.dmd.yaml").read_text()
     (tmp_path / "cell.dmd.yaml").write_text(text.replace("[0, -1.2, 0.70]", "[0, -1.2, 0.72]"))

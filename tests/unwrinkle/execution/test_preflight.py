@@ -28,7 +28,7 @@ from unwrinkle.hardware.controller_state import (
     RobotStatus,
 )
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.loader_yaml import models_dir
+from unwrinkle.models.io.loader_yaml import models_dir
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.site import Site
 from unwrinkle.planning.plan import FlatteningPlan

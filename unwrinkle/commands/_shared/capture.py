@@ -168,7 +168,7 @@ def save_analysis(
     singles: bool = False,
 ) -> None:
     """Write the range map, analysis.json and, if wanted, the panel of pictures and each one singly."""
-    from unwrinkle.models.files import write_json
+    from unwrinkle.models.io.files import write_json
 
     analysis = observation.analysis
     analysis.range_map.save(folder / "range_map.npz")

@@ -13,7 +13,6 @@ from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 
 from unwrinkle.flattening.station_messages import (
-    IDLE,
     DepthImage,
     GripperCommand,
     HeadCommand,
@@ -25,6 +24,7 @@ from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import load_scenario, with_sensor
 from unwrinkle.models.site import CameraSite, PanTiltSite, Site, loopback_site
 from unwrinkle.perception.stereo.head_file import nominal_calibration
+from unwrinkle.planning.motion_mode import MotionMode
 from unwrinkle.site.virtual_equipment import VirtualEquipment
 from unwrinkle.systems.station.drivers.depth_camera import DepthCameraDriverSystem
 from unwrinkle.systems.station.hardware import HardwareStation, build_hardware_station
@@ -218,7 +218,7 @@ def test_the_hardware_station_sees_with_it(depth_cell: Cell, site: Site, table: 
         seen = station.GetOutputPort("depth_camera.image")
         _go_until(simulator, lambda: seen.Eval(context).number == 1)
         assert seen.Eval(context).reason == "" and table.grabs == 1
-        assert station.GetOutputPort("controller.status").Eval(context).state == IDLE
+        assert station.GetOutputPort("controller.status").Eval(context).state == MotionMode.IDLE
         assert "not in use" in station.GetOutputPort("head.right_image").Eval(context).reason
         np.testing.assert_array_equal(
             station.GetOutputPort("head.position_measured").Eval(context), np.zeros(4)

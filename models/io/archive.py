@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.files import atomic_path
+from unwrinkle.models.io.files import atomic_path
 
 _HEADER = "header"
 _SUFFIX = ".npy"

@@ -17,7 +17,7 @@ _UNFIT = (yaml.YAMLError, RuntimeError, ValueError, TypeError, LookupError, OSEr
 
 def models_dir() -> Path:
     """Return the folder of the package's model data."""
-    return Path(__file__).resolve().parent / "data"
+    return Path(__file__).resolve().parents[1] / "data"
 
 
 def load_yaml(path: str | Path, schema: type[Schema], *, child: str | None = None) -> Schema:

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from unwrinkle.models.archive import load_archive
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.files import atomic_path, write_json, write_text
+from unwrinkle.models.io.archive import load_archive
+from unwrinkle.models.io.files import atomic_path, write_json, write_text
 
 
 def test_text_replaces_the_old_file(tmp_path: Path) -> None:
