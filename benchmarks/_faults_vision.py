@@ -78,7 +78,7 @@ def drop_out(case: Case) -> None:
     for right in (HeadImage(1, None, seen.gaze, 1.0, "it timed out"), HeadImage(0)):
         found = perceive(left, right)
         case.expect(found.range_map is None, "one eye alone gives no map")
-        case.reads(found.reason, "right camera" if right.number else "nothing was looked at")
+        case.reads(found.reason, "right camera" if right.number else "no look was taken")
 
 
 def out_of_step(case: Case) -> None:

@@ -17,6 +17,22 @@ class InputError(UnwrinkleError):
     exit_code = 2
 
 
+class PerceptionError(InputError):
+    """The images or the depth are readable but do not yield the measurement that was asked for."""
+
+
+class NoGarmentError(PerceptionError):
+    """The table was seen and nothing on it stands out as a garment."""
+
+
+class InsufficientViewError(PerceptionError):
+    """Too little of the table or of the garment was measured."""
+
+
+class EpipolarError(PerceptionError):
+    """The two images of a stereo pair do not agree with the stated geometry."""
+
+
 class NoSafePlanError(UnwrinkleError):
     """No motion that passes every check exists for what was asked."""
 

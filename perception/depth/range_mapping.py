@@ -116,7 +116,7 @@ def segment_capture(
         near = _grown(segmentation.garment)
         table = fit_table(capture.depth, capture.camera, profile, exclude=near, seed=seed)
     except InputError as error:
-        raise InputError(str(error).replace("capture:", f"{capture.name}:", 1)) from None
+        raise type(error)(str(error).replace("capture:", f"{capture.name}:", 1)) from None
     return table, segmentation
 
 

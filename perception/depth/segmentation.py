@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Mask
+from unwrinkle.models.errors import InputError, NoGarmentError
 from unwrinkle.perception.depth.color_registration import align_colour
 from unwrinkle.perception.sensor import NoiseProfile
 
@@ -65,12 +65,13 @@ def segment(
         seed: of OpenCV's random numbers (GrabCut's mixture models start from k-means).
 
     Raises:
-        InputError: nothing stands out of the table, or nearly everything does.
+        NoGarmentError: nothing stands out of the table.
+        InputError: nearly everything stands out of the table.
     """
     smooth = smooth_heights(height, seen, _blur_radius(height.shape, profile))
     depth_mask, core = _by_depth(smooth, seen, profile)
     if not core.any():
-        raise InputError(
+        raise NoGarmentError(
             f"capture: no garment found (nothing over {_least_area(height.size)} pixels stands "
             f"{profile.garment_height * 1e3:.1f} mm above the table); lay a garment in view"
         )

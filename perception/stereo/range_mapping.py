@@ -322,7 +322,7 @@ def _known_height(
     try:
         fit = _lowest_plane(depths, camera, profile, seed)
     except InputError as error:
-        raise InputError(str(error).replace("capture:", f"{name}:", 1)) from None
+        raise type(error)(str(error).replace("capture:", f"{name}:", 1)) from None
     R_WC, p_WC = found.X_WC[:3, :3], found.X_WC[:3, 3]
     normal_W = R_WC @ fit.normal_C
     lean = float(np.degrees(np.arccos(np.clip(normal_W[2], -1.0, 1.0))))

@@ -71,7 +71,7 @@ class TableView:
         try:
             found = segment(height, seen, profile, colour=small, seed=seed)
         except InputError as error:
-            raise InputError(str(error).replace("capture:", f"{self.name}:", 1)) from None
+            raise type(error)(str(error).replace("capture:", f"{self.name}:", 1)) from None
         full = (self.grid.nx, self.grid.ny)
         mask = cv2.resize(found.garment.astype(np.float32), full, interpolation=cv2.INTER_LINEAR)
         return np.asarray(mask) > 0.5

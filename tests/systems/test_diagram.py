@@ -15,7 +15,7 @@ from pydrake.systems.framework import Diagram, LeafSystem
 from unwrinkle.flattening import perceiving, station_messages
 from unwrinkle.flattening.policy import PolicyState
 from unwrinkle.flattening.state import SupervisorState
-from unwrinkle.models.errors import InputError
+from unwrinkle.models.errors import NoGarmentError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.scenario import load_scenario
 from unwrinkle.perception.stereo.head import Gaze
@@ -117,7 +117,7 @@ def test_pictures_are_matched_once_per_exposure(
 
     def counted(*args: Any, **kwargs: Any) -> Any:
         calls.append(args)
-        raise InputError("look: no garment found (nothing stands up)")
+        raise NoGarmentError("look: no garment found (nothing stands up)")
 
     monkeypatch.setattr(perceiving, "range_map_from_pair", counted)
     context = diagram.CreateDefaultContext()
@@ -148,9 +148,9 @@ def test_pictures_are_matched_once_per_exposure(
         (
             station_messages.HeadImage(1),
             station_messages.HeadImage(1, reason="x"),
-            "left camera returned nothing",
+            "left camera returned no image",
         ),
-        (station_messages.HeadImage(2), station_messages.HeadImage(1), "answer different commands"),
+        (station_messages.HeadImage(2), station_messages.HeadImage(1), "belong to different looks"),
         (
             station_messages.HeadImage(3, np.zeros((40, 60, 3), np.uint8)),
             station_messages.HeadImage(3, np.zeros((40, 60, 3), np.uint8)),

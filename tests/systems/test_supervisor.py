@@ -22,7 +22,7 @@ from unwrinkle.perception.stereo.head_file import nominal_calibration
 from unwrinkle.perception.target import FlatteningTarget, HandTarget, NoTarget
 from unwrinkle.planning.plan import GripperEvent, Segment
 from unwrinkle.planning.trajectory import Trajectory
-from unwrinkle.systems.supervisor import FlatteningSupervisor
+from unwrinkle.systems.supervisor import FlatteningSupervisorSystem
 
 HOME = np.linspace(-0.3, 0.4, 13)
 BIG = (0.10, 12.0, 0.020, 0.012)  # place, volume score, pull, height
@@ -247,7 +247,9 @@ class Run:
         cell: Cell = load_cell(scenario)
         head = nominal_calibration().stereo_head(cell.limits.head)
         builder = DiagramBuilder()
-        self.supervisor = builder.AddNamedSystem("supervisor", FlatteningSupervisor(cell, head))
+        self.supervisor = builder.AddNamedSystem(
+            "supervisor", FlatteningSupervisorSystem(cell, head)
+        )
         station = builder.AddNamedSystem("station", FakeStation(script))
         for port in (station.get_output_port(i) for i in range(station.num_output_ports())):
             builder.Connect(port, self.supervisor.GetInputPort(port.get_name()))

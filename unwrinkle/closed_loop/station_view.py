@@ -9,7 +9,7 @@ from unwrinkle.flattening.station_messages import DepthImage, GripperStatus, Hea
 from unwrinkle.models.arrays import Array
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.measures import coverage, largest_height, overstretch
-from unwrinkle.systems.station.motion_log import Motion, MotionLog
+from unwrinkle.systems.station.motion_log import MotionLog, StationMotion
 
 #: The cloth as it truly is; a station that is not simulated has no such port.
 TRUTH = "truth.cloth"
@@ -63,7 +63,7 @@ class StationView:
         status: GripperStatus = self._of("gripper.status")
         return np.array(status.opening, dtype=float)
 
-    def motion(self, begin: float, end: float) -> Motion | None:
+    def motion(self, begin: float, end: float) -> StationMotion | None:
         """The motion in an interval of the station's clock (s), at the controller's own rate; None where it keeps no log."""
         return None if self._log is None else self._log.between(self._root, begin, end)
 

@@ -27,7 +27,7 @@ from unwrinkle.simulation.cloth.initial_states import ridge
 from unwrinkle.simulation.cloth.measures import height_map
 from unwrinkle.simulation.rendering.image_noise import SensorModel
 from unwrinkle.systems.station.head import ACCELERATION
-from unwrinkle.systems.station.photographer import CellPhotographer, Posture, averaged, noisier
+from unwrinkle.systems.station.photographer import CellPhotographer, CellPosture, averaged, noisier
 from unwrinkle.systems.station.world import StationFaults
 
 MakeBench = Callable[..., Any]
@@ -161,7 +161,7 @@ def test_scripted_faults_come_once(make_bench: MakeBench, gaze: Gaze, fault: str
     image = bench.look(gaze)
     assert image.number == 1
     if fault == "nothing":
-        assert image.pixels is None and "no picture" in image.reason
+        assert image.pixels is None and "no image" in image.reason
     else:
         assert image.reason == "" and image.pixels.shape[2] == 3
         assert image.pixels.max() == 0 or (fault == "noise" and 70.0 < image.pixels.std() < 78.0)
@@ -170,7 +170,7 @@ def test_scripted_faults_come_once(make_bench: MakeBench, gaze: Gaze, fault: str
 def test_a_seed_gives_the_same_picture(station_cell: Cell, head: StereoHead, bench: Any) -> None:
     cloth = bench.station.cloth
     state = cloth.flat((0.0, -1.1))
-    posture = Posture(np.zeros(13), np.array([0.0, -0.22, 0.12, -0.22]))
+    posture = CellPosture(np.zeros(13), np.array([0.0, -0.22, 0.12, -0.22]))
     photographer = CellPhotographer(station_cell, cloth, head, 3)
     first, again, other = (photographer.pair(posture, state, seed)[0] for seed in (1, 1, 2))
     assert (first == again).all() and (first != other).any()
@@ -199,7 +199,10 @@ def test_without_noise_all_seeds_give_one_picture(
     scenario = dc.replace(
         station_cell.scenario, sensor=dc.replace(station_cell.scenario.sensor, noise=0.0)
     )
-    cloth, posture = bench.station.cloth, Posture(np.zeros(13), np.array([0.0, -0.22, 0.12, -0.22]))
+    cloth, posture = (
+        bench.station.cloth,
+        CellPosture(np.zeros(13), np.array([0.0, -0.22, 0.12, -0.22])),
+    )
     photographer = CellPhotographer(dc.replace(station_cell, scenario=scenario), cloth, head, 3)
     state = cloth.flat((0.0, -1.1))
     first, other = (photographer.pair(posture, state, seed)[0] for seed in (1, 2))
@@ -232,7 +235,7 @@ def test_heights_of_a_wrinkled_cloth_are_seen_to_the_millimetre(
     cloth = bench.station.cloth
     state = ridge(cloth, (0.0, -1.1), 1.3)
     gaze = head.gaze_at(np.array([0.0, -1.1, 0.70]))
-    posture = Posture(np.zeros(13), np.array(dc.astuple(gaze))[:4])
+    posture = CellPosture(np.zeros(13), np.array(dc.astuple(gaze))[:4])
     pair = CellPhotographer(cell, cloth, head, 0).pair(posture, state, 0)
     seen = range_map_from_pair(StereoPair(*pair), head, gaze, table=KnownTable())
     truth, origin = height_map(cloth, state, seen.resolution)

@@ -73,7 +73,7 @@ def at_rest(station: StationView) -> bool:
     ("text", "options", "words"),
     [
         ("loop: {pace: 3}", (), "pace"),
-        ("table: {size: [0.4, 0.4]}", (), "bigger than the table"),
+        ("table: {size: [0.4, 0.4]}", (), "larger than the table"),
         ("station: {garment: {material: chainmail}}", (), "chainmail"),
         ("speed: 1.0", ("--garment", "sock"), "sock"),
         ("speed: 1.0", ("--sensor", "sonar"), "sonar"),
@@ -212,7 +212,7 @@ def test_a_disk_that_is_full_ends_at_rest(
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("cameras", "words"),
-    [({1: "nothing", 2: "nothing"}, "returned nothing"), ({1: "black", 2: "noise"}, "2 looks")],
+    [({1: "nothing", 2: "nothing"}, "returned no image"), ({1: "black", 2: "noise"}, "2 looks")],
 )
 def test_cameras_that_fail_twice(cameras: dict[int, str], words: str) -> None:
     scenario = with_choices(load_scenario(), start="flat", scale=0.125)
