@@ -98,8 +98,8 @@ def out_of_step(case: Case) -> None:
     numbers = perceive(
         HeadImage(2, seen.left, seen.gaze, 1.0), HeadImage(1, seen.right, seen.gaze, 1.0)
     )
-    case.expect(numbers.range_map is None, "answers to different commands give no map")
-    case.reads(numbers.reason, "different commands")
+    case.expect(numbers.range_map is None, "answers to different looks give no map")
+    case.reads(numbers.reason, "different looks")
 
     stamps = perceive(
         HeadImage(1, seen.left, seen.gaze, 1.0), HeadImage(1, seen.right, seen.gaze, 31.0)

@@ -1,7 +1,8 @@
 """Read and set the abstract states of a leaf system.
 
-Drake deep-copies every abstract state of a diagram whenever one of its systems updates its own state, hundreds of times
-a second here. The values therefore derive from `Shared`, whose deep copy is the value itself.
+Drake deep-copies every abstract state of a diagram whenever one of its systems updates its own
+state, hundreds of times a second here. The values therefore derive from `Shared`, whose deep copy
+is the value itself.
 """
 
 from typing import Any

@@ -1,4 +1,7 @@
-"""Build the flattening diagram: station, perception, analysis, planner, verification and supervisor."""
+"""Build the flattening diagram.
+
+It contains station, perception, analysis, planner, verification and supervisor.
+"""
 
 from dataclasses import dataclass
 
@@ -24,7 +27,8 @@ from unwrinkle.systems.supervisor import FlatteningSupervisorSystem
 STATION, PERCEPTION, ANALYSIS = "station", "perception", "analysis"
 PLANNER, VERIFICATION, SUPERVISOR = "planner", "verification", "supervisor"
 
-#: Connections as (system, output port, system, input port), except for the images, which depend on the sensor.
+#: Connections as (system, output port, system, input port), except for the images, which depend on
+#: the sensor.
 WIRES = (
     (PERCEPTION, "range_map", ANALYSIS, "range_map"),
     (PERCEPTION, "exposed", SUPERVISOR, "exposed"),
@@ -93,7 +97,8 @@ def build_flattening_diagram(
         InputError: the sensor is `truth`, and the station is not simulated.
 
     Returns:
-        Diagram with the input `interrupt`, vector (1,), which may be left unconnected, and subsystems of the names above.
+        Diagram with the input `interrupt`, vector (1,), which may be left unconnected, and
+        subsystems of the names above.
     """
     builder = DiagramBuilder()
     kind = cell.scenario.sensor.kind

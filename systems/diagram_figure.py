@@ -57,7 +57,8 @@ def draw_diagram(links: Sequence[Link], path: str | Path) -> None:
     """Draw systems and connections to a file.
 
     Args:
-        links: connections of the diagram that `build_flattening_diagram` builds; see `diagram.links`.
+        links: connections of the diagram that `build_flattening_diagram` builds; see
+            `diagram.links`.
         path: file to write; text in an SVG stays text.
 
     Raises:

@@ -12,9 +12,10 @@ from unwrinkle.models.shared import Shared
 class FunctionSystem(LeafSystem):
     """System with one abstract output that is a pure function of its abstract inputs.
 
-    The output is computed when it is evaluated, and only if an input is another object than at the last evaluation.
-    Drake's own cache does not suffice: it is invalidated whenever the system that feeds an input updates its state, in every
-    feedback period, even if the value stays the same. Seconds of stereo matching would be repeated.
+    The output is computed when it is evaluated, and only if an input is another object than at the
+    last evaluation. Drake's own cache does not suffice: it is invalidated whenever the system that
+    feeds an input updates its state, in every feedback period, even if the value stays the same.
+    Seconds of stereo matching would be repeated.
     """
 
     def __init__(
@@ -31,7 +32,8 @@ class FunctionSystem(LeafSystem):
             inputs: Names of the input ports in order, each with an example of its value.
             output: Name of the output port, with an example of its value.
             function: Function of the inputs' values, in order.
-            depends_on: Number of inputs, counted from the first, that trigger a new evaluation; all if left out.
+            depends_on: Number of inputs, counted from the first, that trigger a new evaluation; all
+                if left out.
         """
         super().__init__()
         self._function = function

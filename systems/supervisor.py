@@ -46,16 +46,18 @@ _VECTOR_INPUTS = {
 class FlatteningSupervisorSystem(LeafSystem):
     """Run the closed loop: look, perceive, plan, verify, execute, and look again.
 
-    Inputs: `range_map`, `analysis`, `plan`, `verdict` (see `flattening.messages`), `exposed` (number of the last exposure),
-    `joints.position_measured`, `joints.velocity_measured`, `controller.status`, `gripper.status` (see
-    `flattening.station_messages`), and `interrupt`, vector (1,): a value above 0.5 holds the motion and ends the run; it may
-    be left unconnected. An input is evaluated only in the state that needs it, so that nothing else is computed.
+    Inputs: `range_map`, `analysis`, `plan`, `verdict` (see `flattening.messages`), `exposed`
+    (number of the last exposure), `joints.position_measured`, `joints.velocity_measured`,
+    `controller.status`, `gripper.status` (see `flattening.station_messages`), and `interrupt`,
+    vector (1,): a value above 0.5 holds the motion and ends the run; it may be left unconnected. An
+    input is evaluated only in the state that needs it, so that nothing else is computed.
 
-    Outputs: `trajectory`, `gripper.command`, `head.command`, `speed_override`, `request` (`PlanRequest`), and `state`
-    (`SupervisorState`) for recorders. They depend on the state alone, which changes once per feedback period.
+    Outputs: `trajectory`, `gripper.command`, `head.command`, `speed_override`, `request`
+    (`PlanRequest`), and `state` (`SupervisorState`) for recorders. They depend on the state alone,
+    which changes once per feedback period.
 
-    A trajectory is sent only if its plan has a passing verdict with the same content hash, and starts where the robot rests.
-    Faults latch: the state machine cannot leave `fault`.
+    A trajectory is sent only if its plan has a passing verdict with the same content hash, and
+    starts where the robot rests. Faults latch: the state machine cannot leave `fault`.
     """
 
     def __init__(
@@ -70,11 +72,13 @@ class FlatteningSupervisorSystem(LeafSystem):
         """Declare the ports.
 
         Args:
-            cell: Robot and cell; its scenario holds the policy's rules, the feedback period and the garment's place.
+            cell: Robot and cell; its scenario holds the policy's rules, the feedback period and the
+                garment's place.
             head: Stereo head that is commanded.
             settings: Deadlines and tolerances; the defaults if left out.
             policy_state: State of the policy of a resumed run, with the number of its looks.
-            approve: Callback that asks the operator about each verified plan; None approves every plan.
+            approve: Callback that asks the operator about each verified plan; None approves every
+                plan.
         """
         super().__init__()
         settings = settings or SupervisorSettings()

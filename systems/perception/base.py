@@ -20,8 +20,8 @@ _log = logging.getLogger(__name__)
 class PerceptionSystem(FunctionSystem):
     """System that computes the range map of the last look on demand.
 
-    Outputs: `range_map` (`Perceived`); `exposed`, vector (1,), number of the last look for which all images have arrived
-    (cheap to evaluate).
+    Outputs: `range_map` (`Perceived`); `exposed`, vector (1,), number of the last look for which
+    all images have arrived (cheap to evaluate).
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class PerceptionSystem(FunctionSystem):
         """
 
     def unseen(self, *inputs: Any) -> float:
-        """Return the height of the lowest garment that the sensor can distinguish from the table, m."""
+        """Return the height of the lowest garment that the sensor detects on the table, m."""
         return self._unseen
 
     def _exposed(self, context: Context, output: BasicVector) -> None:

@@ -1,4 +1,7 @@
-"""Drake system of ideal perception: the simulated cloth's own surface with the stereo head's noise, for long studies."""
+"""Drake system of ideal perception.
+
+Its range map is the simulated cloth's own surface with the stereo head's noise, for long studies.
+"""
 
 import numpy as np
 
@@ -14,8 +17,9 @@ from unwrinkle.systems.perception.true_range_map import true_range_map
 class TruePerceptionSystem(PerceptionSystem):
     """Compute the range map of an unobstructed view from above; available in simulation only.
 
-    Inputs: `image` (`DepthImage`), the number of the look and whether its exposure failed; `cloth` (`ClothState`), the cloth
-    at the exposure: the map does not change while the arms move the cloth.
+    Inputs: `image` (`DepthImage`), the number of the look and whether its exposure failed; `cloth`
+    (`ClothState`), the cloth at the exposure: the map does not change while the arms move the
+    cloth.
     """
 
     def __init__(self, cloth: Cloth, state: ClothState, *, seed: int = 0) -> None:

@@ -14,7 +14,8 @@ from unwrinkle.systems.perception.base import PerceptionSystem
 
 #: Maximum time between the exposures of the two cameras, s.
 MAX_EXPOSURE_OFFSET = 1.0
-#: Maximum difference between the head angles reported with the two images, rad: a few steps of the pan-tilt units.
+#: Maximum difference between the head angles reported with the two images, rad: a few steps of the
+#: pan-tilt units.
 MAX_GAZE_DIFFERENCE = 7e-4
 #: Height of the lowest garment that a stereo pair distinguishes from the table, m.
 UNSEEN = noise_profile("stereo-head").garment_height
@@ -38,7 +39,8 @@ class StereoPerceptionSystem(PerceptionSystem):
         """Match a pair.
 
         Raises:
-            InputError: an image is missing, or the two belong to different looks, times or head angles.
+            InputError: an image is missing, or the two belong to different looks, times or head
+                angles.
         """
         if left.number != right.number:
             raise InputError(

@@ -1,9 +1,10 @@
 """Compute a range map with the stereo head's noise from the true shape of a simulated cloth.
 
-Rendering and matching one look takes half a minute; studies of thousands of looks use this instead. Modelled: the
-sensor's resolution, and noise of the size and smoothness of its profile. Not modelled: occlusion behind folds, hole
-filling of the matcher, steps rounded by its windows, errors of segmentation, of calibration and of the head's angles. The
-map is valid wherever a camera straight above has a view.
+Rendering and matching one look takes half a minute; studies of thousands of looks use this instead.
+Modelled: the sensor's resolution, and noise of the size and smoothness of its profile. Not
+modelled: occlusion behind folds, hole filling of the matcher, steps rounded by its windows, errors
+of segmentation, of calibration and of the head's angles. The map is valid wherever a camera
+straight above has a view.
 """
 
 import cv2
@@ -37,10 +38,12 @@ def true_range_map(
         sensor: noise profile, "stereo-head" or "stereo".
 
     Returns:
-        Range map in W with a margin of table; cells that have neither cloth nor table are not valid.
+        Range map in W with a margin of table; cells that have neither cloth nor table are not
+        valid.
 
     Raises:
-        InputError: the sensor's noise is of another kind (bands and steps of a depth camera), or the seed is bad.
+        InputError: the sensor's noise is of another kind (bands and steps of a depth camera), or
+            the seed is bad.
     """
     if sensor not in SENSORS:
         raise InputError(
@@ -76,7 +79,8 @@ def _noise(shape: tuple[int, ...], blur: float, rng: np.random.Generator) -> NDA
     """Return Gaussian noise (ny, nx) of standard deviation 1, smooth over `blur` cells."""
     white = rng.standard_normal(shape)
     smooth = np.asarray(cv2.GaussianBlur(white, (0, 0), blur, borderType=cv2.BORDER_REFLECT))
-    # The kernel's weights add up to 1; a normal one of sigma s keeps 1 / (2 s sqrt(pi)) of the deviation.
+    # The kernel's weights add up to 1; a normal one of sigma s keeps 1 / (2 s sqrt(pi)) of the
+    # deviation.
     result: NDArray[np.float64] = smooth * (2.0 * blur * np.sqrt(np.pi))
     return result
 

@@ -10,7 +10,10 @@ from unwrinkle.systems.function_system import FunctionSystem
 
 
 class VerificationSystem(FunctionSystem):
-    """Verify a plan from the robot's posture. Input: `plan` (`Planned`); output: `verdict` (`Verified`)."""
+    """Verify a plan from the robot's posture.
+
+    Input: `plan` (`Planned`); output: `verdict` (`Verified`).
+    """
 
     def __init__(self, cell: Cell) -> None:
         """Keep the cell in which plans are verified."""

@@ -1,4 +1,7 @@
-"""Drake system of the arms' controller: the trajectory player at the plant's period, status at the feedback period."""
+"""Drake system of the arms' controller.
+
+The trajectory player runs at the plant's period, the status is updated at the feedback period.
+"""
 
 import numpy as np
 from pydrake.common.value import Value
@@ -20,9 +23,10 @@ from unwrinkle.systems.abstract_state import set_state_value, state_value
 class ArmControllerSystem(LeafSystem):
     """Run trajectories on the axes.
 
-    Inputs: `trajectory`, `speed_override` (1,; 1 if left unconnected), `position` and `velocity` (13,).
-    Outputs: `status`, updated at the feedback period; `desired` (26,) for the servos, in the order of `connect_servos`;
-    `reference` (14,): reference positions of the axes and the number of the running trajectory, 0 at rest.
+    Inputs: `trajectory`, `speed_override` (1,; 1 if left unconnected), `position` and `velocity`
+    (13,). Outputs: `status`, updated at the feedback period; `desired` (26,) for the servos, in the
+    order of `connect_servos`; `reference` (14,): reference positions of the axes and the number of
+    the running trajectory, 0 at rest.
     """
 
     def __init__(
@@ -34,10 +38,14 @@ class ArmControllerSystem(LeafSystem):
         feedback_period: float,
         settings: PlayerSettings | None = None,
     ) -> None:
-        """Start at rest at `start` (13,), rad; `step` and `feedback_period` are the two update periods, s."""
+        """Start at rest at `start` (13,), rad.
+
+        `step` and `feedback_period` are the two update periods, s.
+        """
         super().__init__()
         self.set_name("controller")
-        # A plan may be made for any speed up to the catalogue's: the controller refuses only more than that.
+        # A plan may be made for any speed up to the catalogue's: the controller refuses only more
+        # than that.
         catalogue = cell.with_speed(1.0).limits
         limits = PlayerLimits(
             catalogue.lower, catalogue.upper, catalogue.velocity, catalogue.acceleration

@@ -1,7 +1,8 @@
 """Bodies and motors of the robot as a discrete plant with a stiff servo at every joint.
 
-The plant has no contact and almost no gravity: the interaction of fingers and cloth is computed by the cloth system,
-plans are verified free of collision, and the servos of the real robot carry its weight.
+The plant has no contact and almost no gravity: the interaction of fingers and cloth is computed by
+the cloth system, plans are verified free of collision, and the servos of the real robot carry its
+weight.
 """
 
 from dataclasses import dataclass
@@ -28,8 +29,8 @@ _GRIPPER_FORCE = 60.0  # N
 _HEAD_TORQUE = 10.0  # N m
 #: Smallest inertia at a drive, kg or kg m^2: gears and motors of the gripper and the head.
 _LEAST_INERTIA = 0.02
-#: Residual gravity, m/s^2: the servos carry 99 % of the weight. With no gravity at all the contact solver has no scale
-#: at rest: its impulses vanish, and it reports that it does not converge.
+#: Residual gravity, m/s^2: the servos carry 99 % of the weight. With no gravity at all the contact
+#: solver has no scale at rest: its impulses vanish, and it reports that it does not converge.
 _RESIDUAL_GRAVITY = 0.0981
 
 
@@ -51,7 +52,7 @@ class ArmPlant:
 
 
 def build_arm_plant(cell: Cell, step: float) -> ArmPlant:
-    """Build the plant of the cell's robot with a time step in s, each joint driven by an implicit PD servo.
+    """Build the robot's plant with a time step in s and an implicit PD servo at each joint.
 
     The gains follow from the inertia I at the joint in the home posture: p = I w^2, d = 2 I w.
     """
@@ -133,7 +134,7 @@ def connect_servos(
 
 
 class ToolPosesSystem(LeafSystem):
-    """Compute X_WT (2, 4, 4) of the right and the left tool, as one vector of 32, from the poses of the bodies."""
+    """Compute X_WT (2, 4, 4) of the right and the left tool, as one vector (32,)."""
 
     def __init__(self, arm: ArmPlant) -> None:
         """Keep the tools of a plant."""

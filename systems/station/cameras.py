@@ -1,4 +1,7 @@
-"""Drake system of the simulated cameras: one exposure per head command, once everything in view is at rest."""
+"""Drake system of the simulated cameras.
+
+They take one exposure per head command, once everything in view is at rest.
+"""
 
 import dataclasses as dc
 from collections.abc import Mapping
@@ -24,8 +27,8 @@ from unwrinkle.systems.station.photographer import CellPhotographer, CellPosture
 AXES_STILL = 5e-3
 #: Maximum time that an exposure waits for the cloth to come to rest, s.
 SETTLE_TIME = 3.0
-#: Offset of the cameras' update events, s: at the instant of another system's event, an update would invalidate Drake's
-#: cache of everything computed from the images.
+#: Offset of the cameras' update events, s: at the instant of another system's event, an update
+#: would invalidate Drake's cache of everything computed from the images.
 UPDATE_OFFSET = 5e-4
 #: Camera faults that can be simulated: no image, a black image, or an image of noise alone.
 FAULTS = ("nothing", "black", "noise")
@@ -44,18 +47,20 @@ class Exposure(Shared):
 
 @dataclass(frozen=True)
 class _Wait(Shared):
-    """Wait for the cloth: number of the command, and time (s) since which everything else is at rest."""
+    """Wait for the cloth: number of the command, and start (s) of the rest of all else."""
 
     number: int = 0
     since: float = 0.0
 
 
 class CameraSystem(LeafSystem):
-    """Simulate the head's two cameras or the depth camera, by the scenario's sensor; `truth` renders nothing.
+    """Simulate the head's two cameras or the depth camera, by the scenario's sensor.
 
-    Inputs: `head` (`HeadStatus`), `head_angles` (4,) true, `position` and `velocity` (13,) of the axes, `cloth`
-    (`ClothState`).
-    Outputs: `left_image`, `right_image` (`HeadImage`), `depth_image` (`DepthImage`); they change only with an exposure.
+    `truth` renders nothing.
+
+    Inputs: `head` (`HeadStatus`), `head_angles` (4,) true, `position` and `velocity` (13,) of the
+    axes, `cloth` (`ClothState`). Outputs: `left_image`, `right_image` (`HeadImage`), `depth_image`
+    (`DepthImage`); they change only with an exposure.
     """
 
     def __init__(

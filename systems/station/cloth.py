@@ -1,4 +1,7 @@
-"""Drake system of the simulated cloth: its state, advanced with the tools that hold it, and its measures."""
+"""Drake system of the simulated cloth.
+
+Its outputs are the state, advanced with the tools that hold the cloth, and its measures.
+"""
 
 import dataclasses as dc
 from typing import Any
@@ -15,11 +18,13 @@ from unwrinkle.systems.station.grippers import Pinch, PinchAnswer
 
 
 class ClothSystem(LeafSystem):
-    """Advance the cloth on its table. While it is asleep and no tool touches it, its state stays the same object.
+    """Advance the cloth on its table.
+
+    While it is asleep and no tool touches it, its state stays the same object.
 
     Inputs: `tips` (32,), measured X_WT (2, 4, 4) of both tools; `pinch` (`Pinch`) of the grippers.
-    Outputs: `cloth` (`ClothState`), `answer` (`PinchAnswer`), `coverage` and `height` (1,); the last two are computed on
-    demand.
+    Outputs: `cloth` (`ClothState`), `answer` (`PinchAnswer`), `coverage` and `height` (1,); the
+    last two are computed on demand.
     """
 
     def __init__(self, cloth: Cloth, state: ClothState, *, period: float) -> None:
@@ -46,7 +51,8 @@ class ClothSystem(LeafSystem):
         )
         for name, measure in (("coverage", coverage), ("height", largest_height)):
             self.DeclareVectorOutputPort(name, BasicVector(1), self._measured(measure), tickets)
-        # The measured tool poses are those at the end of a step, so the first step of the cloth ends one period later.
+        # The measured tool poses are those at the end of a step, so the first step of the cloth
+        # ends one period later.
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, period, self._advance)
 
     def _advance(self, context: Context, state: State) -> EventStatus:

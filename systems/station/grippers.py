@@ -1,4 +1,7 @@
-"""Drake system of the two simulated grippers: blades that close at their speed, stop at cloth, and detect it."""
+"""Drake system of the two simulated grippers.
+
+Their blades close at their speed, stop at cloth, and detect it.
+"""
 
 import dataclasses as dc
 from dataclasses import dataclass

@@ -1,7 +1,8 @@
 """Station in its `hardware` form: the same ports, connected to the devices of a site.
 
-A separate process polls the controller's driver on the computer's clock, so that feedback is monitored and trajectories
-are streamed independently of the diagram's computing time. The diagram must be advanced no faster than real time.
+A separate process polls the controller's driver on the computer's clock, so that feedback is
+monitored and trajectories are streamed independently of the diagram's computing time. The diagram
+must be advanced no faster than real time.
 """
 
 import time
@@ -222,7 +223,8 @@ def _add_eyes(
     """Add the head with its two cameras, or the depth camera.
 
     Returns:
-        Input port of head commands, output port of the head's angles, and the system with the three images.
+        Input port of head commands, output port of the head's angles, and the system with the three
+        images.
     """
     period, camera = cell.scenario.station.feedback_period, equipment.camera
     if isinstance(camera, OpenNi2Camera):

@@ -1,4 +1,7 @@
-"""Drake system of the head's two simulated pan-tilt units: whole steps, bounded speed and acceleration, rest errors."""
+"""Drake system of the head's two simulated pan-tilt units.
+
+Modelled are whole steps, bounded speed and acceleration, and rest errors.
+"""
 
 from dataclasses import dataclass
 
@@ -40,7 +43,10 @@ class HeadStatus(Shared):
 
 @dataclass(frozen=True, eq=False)
 class _Turn(Shared):
-    """Motion of all four axes: reported and true angles (4,) at both ends, rad; its start time, s."""
+    """Motion of all four axes: reported and true angles (4,) at both ends, rad.
+
+    `begin` is its start, s.
+    """
 
     number: int
     begin: float
@@ -52,9 +58,9 @@ class _Turn(Shared):
 class HeadSystem(LeafSystem):
     """Simulate both pan-tilt units of the head.
 
-    Inputs: `command`. Outputs: `status` (`HeadStatus`), `position` (4,) as reported, `desired` (8,): true angles and rates
-    for the servos. An axis stops off the reported angle by an error that is drawn anew for each motion (see
-    `simulation.devices.pan_tilt`).
+    Inputs: `command`. Outputs: `status` (`HeadStatus`), `position` (4,) as reported, `desired`
+    (8,): true angles and rates for the servos. An axis stops off the reported angle by an error
+    that is drawn anew for each motion (see `simulation.devices.pan_tilt`).
     """
 
     def __init__(
@@ -131,7 +137,7 @@ class HeadSystem(LeafSystem):
         return np.asarray(steps * self._step)
 
     def _progress(self, turn: _Turn, now: float) -> tuple[Array, Array]:
-        """Return the completed share (4,) of each axis' motion and its rate, 1/s (trapezoidal speed profile)."""
+        """Return the completed share (4,) and its rate (1/s) of trapezoidal speed profiles."""
         way = np.abs(turn.true[1] - turn.true[0])
         way = np.maximum(way, 1e-12)
         peak = np.minimum(self._speed, np.sqrt(way * ACCELERATION))

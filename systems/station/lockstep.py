@@ -1,4 +1,7 @@
-"""Synchronise both ends of a real connection on one simulated clock: neither advances before all sent bytes arrived."""
+"""Synchronise both ends of a real connection on one simulated clock.
+
+Neither advances before all sent bytes arrived.
+"""
 
 import array
 import fcntl
@@ -17,7 +20,8 @@ from unwrinkle.simulation.devices.serial_pan_tilt import PtyPort
 
 #: Maximum time for the operating system to deliver sent bytes, s; it takes microseconds.
 DELIVERY_TIMEOUT = 5.0
-#: Maximum number of requests that are answered within one step of the clock: the controller answers in about 1 ms.
+#: Maximum number of requests that are answered within one step of the clock: the controller answers
+#: in about 1 ms.
 MAX_REQUESTS_PER_STEP = 12
 
 
@@ -29,7 +33,7 @@ class ControllerLockstep:
         self._driver, self._server = driver, server
 
     def poll_driver(self, now: float) -> None:
-        """Advance the driver to a time, s, with all that the server has sent, and let the server answer its requests."""
+        """Advance the driver to a time, s, and let the server answer its requests."""
         for _ in range(MAX_REQUESTS_PER_STEP):
             self._await_server()
             before = self._asked()
@@ -70,7 +74,10 @@ class PanTiltLockstep:
         self._driver, self._line, self._port = driver, line, port
 
     def poll(self, now: float) -> None:
-        """Advance the driver to a time, s; all that it sends is available at the unit's next poll."""
+        """Advance the driver to a time, s.
+
+        All that it sends is available at the unit's next poll.
+        """
         if not self._line.fill(self._port.sent, DELIVERY_TIMEOUT):
             raise HardwareError(
                 f"{self._line.device}: bytes of the virtual pan-tilt unit did not arrive within "

@@ -1,9 +1,12 @@
-"""Station in its `loopback` form: the real drivers, over TCP and serial lines, against virtual devices.
+"""Station in its `loopback` form.
 
-Robot, cameras and cloth are simulated as in the `sim` form, with the same `truth` outputs. The connection is real:
-trajectories pass through the controller's driver, its messages, and the virtual controller, whose joints drive the plant;
-grippers are commanded by the controller's digital outputs; the head by ASCII commands on pseudo-terminals. Both ends of
-every connection run on the simulation's clock, so a run is reproducible and as fast as the simulation.
+The real drivers, over TCP and serial lines, against virtual devices.
+
+Robot, cameras and cloth are simulated as in the `sim` form, with the same `truth` outputs. The
+connection is real: trajectories pass through the controller's driver, its messages, and the virtual
+controller, whose joints drive the plant; grippers are commanded by the controller's digital
+outputs; the head by ASCII commands on pseudo-terminals. Both ends of every connection run on the
+simulation's clock, so a run is reproducible and as fast as the simulation.
 """
 
 import dataclasses as dc
@@ -234,7 +237,8 @@ def build_loopback_station(
 
     Args:
         cell, cloth, state, head, seed, start, faults: see `build_sim_station`.
-        site: settings of the drivers; the shipped ones if left out. The operating system chooses the addresses.
+        site: settings of the drivers; the shipped ones if left out. The operating system chooses
+            the addresses.
         log: run log of what is sent and measured.
 
     Raises:

@@ -42,18 +42,24 @@ class MotionLog:
     """Read the station's log; available as `station.motion_log`."""
 
     def __init__(self, sink: VectorLogSink) -> None:
-        """Read a sink with the rows position 13, velocity 13, reference 13, number 1, opening 2, head 4."""
+        """Read rows of position 13, velocity 13, reference 13, number, opening 2, head 4."""
         self._sink = sink
 
     def between(self, context: Context, begin: float, end: float = np.inf) -> StationMotion:
-        """Return the motion in an interval of the station's clock, s; `context` is that of the root diagram."""
+        """Return the motion in an interval of the station's clock, s.
+
+        `context` is that of the root diagram.
+        """
         log = self._sink.FindLog(context)
         times = np.asarray(log.sample_times())
         first, last = np.searchsorted(times, [begin, end], side="left")
         return _motion(times[first:last], np.asarray(log.data()).T[first:last])
 
     def last(self, context: Context) -> StationMotion:
-        """Return the motion of the last trajectory, from its start until now or its end; empty before the first."""
+        """Return the motion of the last trajectory, from its start until now or its end.
+
+        It is empty before the first trajectory.
+        """
         log = self._sink.FindLog(context)
         times, rows = np.asarray(log.sample_times()), np.asarray(log.data()).T
         numbers = rows[:, 39]

@@ -22,8 +22,9 @@ from unwrinkle.simulation.rendering.image_noise import (
 from unwrinkle.simulation.rendering.renderer import Renderer
 from unwrinkle.simulation.rendering.synthetic_towel import overhead_pose
 
-#: Images of at most a quarter of the sensor's width are rendered at this multiple of their size, with _SAMPLES x _SAMPLES
-#: samples per pixel: fibres that fall between samples would otherwise be different noise in each image.
+#: Images of at most a quarter of the sensor's width are rendered at this multiple of their size,
+#: with _SAMPLES x _SAMPLES samples per pixel: fibres that fall between samples would otherwise be
+#: different noise in each image.
 _OVERSIZE = 2
 _SAMPLES = 2
 
@@ -49,7 +50,8 @@ class CellPhotographer:
             seed: seed of the texture.
 
         Raises:
-            InputError: the scale does not divide the images, or the texture or depth camera is unknown.
+            InputError: the scale does not divide the images, or the texture or depth camera is
+                unknown.
         """
         self._cell, self._cloth, self._head = cell, cloth, head
         sensor, garment = cell.scenario.sensor, cell.scenario.station.garment
@@ -76,8 +78,8 @@ class CellPhotographer:
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Render both cameras of the head: RGB images (h, w, 3) of the scenario's scale.
 
-        A small image is made from a rendering of twice its size, with the blur and noise that remain after averaging
-        the full sensor's pixels, instead of from all 16 megapixels.
+        A small image is made from a rendering of twice its size, with the blur and noise that
+        remain after averaging the full sensor's pixels, instead of from all 16 megapixels.
         """
         renderer = self._scene(posture, state)
         left, right = self._head.left, self._head.right
@@ -120,7 +122,10 @@ class CellPhotographer:
         return self._renderer
 
     def _eye_pose(self, eye: Eye, posture: CellPosture, angles: Array) -> Pose:
-        """Return the true pose X_WC (4, 4) of a camera; angles slightly beyond a limit are accepted."""
+        """Return the true pose X_WC (4, 4) of a camera.
+
+        Angles slightly beyond a limit are accepted.
+        """
         X_WR = self._head.turntable_pose(float(posture.axes[0]))
         mount = eye.unit.mount_pose(float(angles[0]), float(angles[1]))
         return np.asarray(X_WR @ eye.X_RB @ mount @ eye.X_MC)
@@ -134,10 +139,10 @@ def noisier(model: SensorModel, factor: float) -> SensorModel:
 
 
 def averaged(model: SensorModel, scale: float) -> SensorModel:
-    """Return a sensor model with the blur and noise after averaging blocks of 1/scale x 1/scale pixels.
+    """Return the sensor model after averaging blocks of 1/scale x 1/scale pixels.
 
-    The noise of a mean of n^2 pixels is n times smaller. The blur is that of the lens and of the block (variance 1/12 of
-    its side), less what one rendered sample per pixel already contributes.
+    The noise of a mean of n^2 pixels is n times smaller. The blur is that of the lens and of the
+    block (variance 1/12 of its side), less what one rendered sample per pixel already contributes.
     """
     if scale == 1.0:
         return model

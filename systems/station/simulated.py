@@ -55,8 +55,8 @@ def build_sim_station(
         player: settings of the arms' controller; the defaults if left out.
 
     Raises:
-        InputError: the start is no posture or beyond the limits, a period is no multiple of the cloth's time step, or a
-            texture, sensor or fault is unknown.
+        InputError: the start is no posture or beyond the limits, a period is no multiple of the
+            cloth's time step, or a texture, sensor or fault is unknown.
     """
     return SimulatedStation(
         cell,
@@ -71,7 +71,10 @@ def build_sim_station(
 
 
 def _controls(player: PlayerSettings | None) -> ControlsBuilder:
-    """Return a builder of direct controls: the trajectory player drives the axes, commands go to the simulated devices."""
+    """Return a builder of direct controls.
+
+    The trajectory player drives the axes, commands go to the simulated devices.
+    """
 
     def build(builder: DiagramBuilder, world: World) -> StationControls:
         settings = world.cell.scenario.station

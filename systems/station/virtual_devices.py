@@ -1,4 +1,7 @@
-"""Virtual devices of the loopback station: the real protocols on one side, the simulated machines on the other."""
+"""Virtual devices of the loopback station.
+
+They connect the real protocols with the simulated machines.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,7 +24,7 @@ from unwrinkle.systems.station.head import HeadStatus
 
 @dataclass(frozen=True, eq=False)
 class _Axes(Shared):
-    """Commanded positions (rad) and velocities (rad/s) of the axes, (13,) each, and the commanded grippers."""
+    """Commanded positions (13,) rad, velocities (13,) rad/s, and grippers."""
 
     positions: Array
     velocities: Array
@@ -29,12 +32,14 @@ class _Axes(Shared):
 
 
 class VirtualControllerSystem(LeafSystem):
-    """Run the virtual controller with its server: its joints drive the plant, its outputs the grippers.
+    """Run the virtual controller with its server.
 
-    Inputs: `position` and `velocity` (13,) of the plant; `number` (1,) of the running trajectory, for the log; `grippers`
-    (`GripperStatus`), which sets the controller's inputs.
-    Outputs: `desired` (26,) for the servos, in the order of `connect_servos`; `reference` (14,) for the motion log;
-    `gripper_command` for the grippers.
+    Its joints drive the plant, its outputs the grippers.
+
+    Inputs: `position` and `velocity` (13,) of the plant; `number` (1,) of the running trajectory,
+    for the log; `grippers` (`GripperStatus`), which sets the controller's inputs. Outputs:
+    `desired` (26,) for the servos, in the order of `connect_servos`; `reference` (14,) for the
+    motion log; `gripper_command` for the grippers.
     """
 
     def __init__(
@@ -49,8 +54,10 @@ class VirtualControllerSystem(LeafSystem):
 
         Args:
             controller: virtual controller of the server.
-            grippers: addresses of the outputs that close the grippers and of the inputs that report them.
-            poll: function that advances the server to a time (s) with the plant's positions and velocities.
+            grippers: addresses of the outputs that close the grippers and of the inputs that report
+                them.
+            poll: function that advances the server to a time (s) with the plant's positions and
+                velocities.
             period: interpolation period, s.
         """
         super().__init__()
@@ -114,7 +121,7 @@ class VirtualControllerSystem(LeafSystem):
 
 
 def unit_settings(unit: PanTiltUnit) -> UnitSettings:
-    """Return the settings with which a virtual unit reports the step and limits of a calibrated head's unit."""
+    """Return settings of a virtual unit with the step and limits of a calibrated unit."""
     arcseconds = float(np.degrees(unit.step)) * 3600.0
     pan, tilt = (
         (ceil(low / unit.step - 1e-9), floor(high / unit.step + 1e-9))
@@ -138,9 +145,12 @@ class _Mechanics:
 
 
 class VirtualPanTiltSystem(LeafSystem):
-    """Run two virtual pan-tilt units on pseudo-terminals; their motors are those of the simulated head.
+    """Run two virtual pan-tilt units on pseudo-terminals.
 
-    Inputs: `status` (`HeadStatus`) of the head's mechanics. Outputs: `command` (`HeadCommand`) for the mechanics.
+    Their motors are those of the simulated head.
+
+    Inputs: `status` (`HeadStatus`) of the head's mechanics. Outputs: `command` (`HeadCommand`) for
+    the mechanics.
 
     Attributes:
         ports: pseudo-terminals of the units, left and right.

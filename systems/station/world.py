@@ -1,6 +1,9 @@
-"""Simulated part that the `sim` and `loopback` stations share: bodies and motors, cloth, cameras, `truth` outputs.
+"""Simulated part that the `sim` and `loopback` stations share.
 
-Each form of the station adds its controls: the systems that receive the commands at the ports and drive the machines.
+Bodies and motors, cloth, cameras, `truth` outputs.
+
+Each form of the station adds its controls: the systems that receive the commands at the ports and
+drive the machines.
 """
 
 import math
@@ -75,10 +78,12 @@ class StationControls:
     """Ports of the controls that a form of the station adds.
 
     Attributes:
-        inputs: by the station's port names: trajectory, speed_override, gripper.command, head.command.
+        inputs: by the station's port names: trajectory, speed_override, gripper.command,
+            head.command.
         outputs: by the station's port names: joints, controller, grippers, head.
         desired: (26,) desired states of the axes' servos.
-        reference: (14,) for the motion log: reference positions of the axes, and number of the trajectory.
+        reference: (14,) for the motion log: reference positions of the axes, and number of the
+            trajectory.
         head: `HeadStatus` that triggers the cameras.
     """
 
@@ -207,8 +212,8 @@ def start_posture(cell: Cell, cloth: Cloth, start: NDArray[np.floating] | None) 
     """Check the start of a simulated station and return its posture (13,), rad; home if left out.
 
     Raises:
-        InputError: the start is no posture or beyond the limits, or a period is no multiple of the cloth's time
-            step.
+        InputError: the start is no posture or beyond the limits, or a period is no multiple of the
+            cloth's time step.
     """
     limits = cell.limits
     posture = np.array(cell.robot.named_states["home"] if start is None else start, dtype=float)

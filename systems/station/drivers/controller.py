@@ -1,4 +1,7 @@
-"""Drake system of the controller's driver: each command is sent once, feedback is passed to the outputs."""
+"""Drake system of the controller's driver.
+
+Each command is sent once, feedback is passed to the outputs.
+"""
 
 import dataclasses as dc
 from collections.abc import Callable
@@ -33,7 +36,7 @@ STATES = {
 
 
 class MotionDriver(Protocol):
-    """Driver of the arms: one that the diagram polls, or a proxy of one that another process polls."""
+    """Driver of the arms, polled by the diagram or, through a proxy, by another process."""
 
     @property
     def status(self) -> DriverStatus:
@@ -56,7 +59,11 @@ class MotionDriver(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class _FeedbackState(Shared):
-    """Last status and feedback of the driver: (13,) rad, (13,) rad/s, number of the running trajectory."""
+    """Last status and feedback of the driver.
+
+    Positions (13,) are in rad, velocities (13,) in rad/s; `number` is that of the running
+    trajectory.
+    """
 
     status: ControllerStatus
     positions: Array
@@ -67,9 +74,9 @@ class _FeedbackState(Shared):
 class ControllerDriverSystem(LeafSystem):
     """Pass trajectories to the driver of the axes.
 
-    Inputs: `trajectory`, `speed_override` (1,; 1 if left unconnected).
-    Outputs: `status` (`ControllerStatus`), `position` and `velocity` (13,) of the last feedback, `number` (1,) of the running
-    trajectory, 0 at rest; all updated at the feedback period.
+    Inputs: `trajectory`, `speed_override` (1,; 1 if left unconnected). Outputs: `status`
+    (`ControllerStatus`), `position` and `velocity` (13,) of the last feedback, `number` (1,) of the
+    running trajectory, 0 at rest; all updated at the feedback period.
     """
 
     def __init__(
@@ -88,7 +95,8 @@ class ControllerDriverSystem(LeafSystem):
             first: (13,) positions of the axes until the first feedback, rad.
             period: period at which commands are passed on, s.
             feedback_period: period of the outputs, s.
-            poll: function that advances the driver to a time of the diagram, s; None if another process does.
+            poll: function that advances the driver to a time of the diagram, s; None if another
+                process does.
         """
         super().__init__()
         self.set_name("controller driver")

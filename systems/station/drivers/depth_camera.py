@@ -34,8 +34,9 @@ class DepthCameraDriverSystem(LeafSystem):
     """Expose the scenario's depth camera, fixed over the table; the head is not used.
 
     Inputs: `command` (`HeadCommand`; only its number is used), `velocity` (13,) of the axes.
-    Outputs: `depth_image` (`DepthImage`); `left_image`, `right_image` (`HeadImage`, always without an image), which answer the
-    same commands; `head_position` (4,), zero because the head's angles are unknown. Images change only with an exposure.
+    Outputs: `depth_image` (`DepthImage`); `left_image`, `right_image` (`HeadImage`, always without
+    an image), which answer the same commands; `head_position` (4,), zero because the head's angles
+    are unknown. Images change only with an exposure.
     """
 
     def __init__(
@@ -44,7 +45,8 @@ class DepthCameraDriverSystem(LeafSystem):
         """Wrap a camera.
 
         Args:
-            cell: robot and cell; its scenario names the camera's model, which supplies the intrinsics, and its place.
+            cell: robot and cell; its scenario names the camera's model, which supplies the
+                intrinsics, and its place.
             camera: driver of the camera, polled here.
             period: polling period, s.
             clock: function that gives the camera's time.

@@ -1,4 +1,4 @@
-"""Clocks of devices: virtual devices use the diagram's time, real ones the computer's monotonic clock."""
+"""Clocks of devices: the diagram's time for virtual ones, the computer's for real ones."""
 
 import time
 from collections.abc import Callable

@@ -17,8 +17,8 @@ from unwrinkle.systems.station.drivers.device_clock import Clock, diagram_time
 class GripperDriverSystem(LeafSystem):
     """Pass commands to the driver of both grippers.
 
-    Inputs: `command`. Outputs: `status`; for a gripper that does not measure its opening, the opening is that of an open
-    gripper or 0.
+    Inputs: `command`. Outputs: `status`; for a gripper that does not measure its opening, the
+    opening is that of an open gripper or 0.
     """
 
     def __init__(
@@ -78,7 +78,8 @@ class GripperDriverSystem(LeafSystem):
         report = self._grippers.status
         right, left = report.closed
         opening = report.opening or (self._open * (not right), self._open * (not left))
-        # Without a sensor a closed gripper is assumed to hold cloth: the next look shows the effect.
+        # Without a sensor a closed gripper is assumed to hold cloth: the next look shows the
+        # effect.
         held_right, held_left = (
             c if h is None else h for c, h in zip(report.closed, report.holding, strict=True)
         )

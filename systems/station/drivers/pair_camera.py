@@ -1,4 +1,7 @@
-"""Drake system of the head's real cameras: one exposure of the pair per head command, once everything is at rest."""
+"""Drake system of the head's real cameras.
+
+They take one exposure of the pair per head command, once everything is at rest.
+"""
 
 from dataclasses import dataclass
 
@@ -31,9 +34,9 @@ class _Pair(Shared):
 class PairCameraSystem(LeafSystem):
     """Expose the head's two cameras.
 
-    Inputs: `head` (`HeadStatus`), `position` and `velocity` (13,) of the axes.
-    Outputs: `left_image`, `right_image` (`HeadImage`), `depth_image` (`DepthImage`, always without an image); they change only
-    with an exposure.
+    Inputs: `head` (`HeadStatus`), `position` and `velocity` (13,) of the axes. Outputs:
+    `left_image`, `right_image` (`HeadImage`), `depth_image` (`DepthImage`, always without an
+    image); they change only with an exposure.
     """
 
     def __init__(self, camera: PairCamera, *, period: float, clock: Clock = diagram_time) -> None:
@@ -100,7 +103,10 @@ class PairCameraSystem(LeafSystem):
         return EventStatus.Succeeded()
 
     def _taken(self, context: Context, picture: PairPicture, head: HeadStatus) -> _Pair:
-        """Return the images with the reported gaze; without images if the head moved during the exposure."""
+        """Return the images with the reported gaze.
+
+        There are no images if the head moved during the exposure.
+        """
         now, number = context.get_time(), picture.number
         gaze = reported_gaze(head.angles, self._position.Eval(context)[0])
         reason = picture.reason

@@ -17,8 +17,8 @@ from unwrinkle.systems.station.head import HeadStatus
 class PanTiltDriverSystem(LeafSystem):
     """Pass head commands to both units' drivers.
 
-    Inputs: `command` (`HeadCommand`). Outputs: `status` (`HeadStatus`), `position` (4,) as reported by the units: left pan,
-    tilt, right pan, tilt, rad.
+    Inputs: `command` (`HeadCommand`). Outputs: `status` (`HeadStatus`), `position` (4,) as reported
+    by the units: left pan, tilt, right pan, tilt, rad.
     """
 
     def __init__(

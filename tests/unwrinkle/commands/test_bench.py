@@ -88,7 +88,7 @@ def test_unknown_name_lists_the_names(
     monkeypatch.setattr(bench, "benchmark_names", lambda: ["analysis", "plans"])
     assert _bench(monkeypatch, "drawers") == 2
     error = capsys.readouterr().err
-    assert error == "unwrinkle: no benchmark is called 'drawers'; try one of: analysis, plans\n"
+    assert error == "unwrinkle: there is no benchmark 'drawers'; known are analysis, plans\n"
 
 
 def test_every_benchmark_has_the_face() -> None:

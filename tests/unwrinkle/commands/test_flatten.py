@@ -12,7 +12,7 @@ import pytest
 from unwrinkle import cli
 from unwrinkle.closed_loop.recorder import Recorder
 from unwrinkle.closed_loop.run import FlatteningRun, Seconds
-from unwrinkle.closed_loop.session import Choices, Session, begin, go_on
+from unwrinkle.closed_loop.session import Choices, Session, begin_run, resume_run
 from unwrinkle.closed_loop.setup import build_loop, scenario_text, with_choices
 from unwrinkle.closed_loop.station_view import StationView
 from unwrinkle.flattening.state import SupervisorState
@@ -78,7 +78,7 @@ def at_rest(station: StationView) -> bool:
         ("speed: 1.0", ("--garment", "sock"), "sock"),
         ("speed: 1.0", ("--sensor", "sonar"), "sonar"),
         ("speed: 1.0", ("--scale", "0.3"), "0.3"),
-        ("speed: 1.0", ("--resume", "elsewhere"), "own scenario"),
+        ("speed: 1.0", ("--resume", "elsewhere"), "uses the scenario"),
     ],
 )
 def test_bad_input_is_refused(run: Run, text: str, options: tuple[str, ...], words: str) -> None:
@@ -138,7 +138,7 @@ def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Sess
 
     def session(**choices: object) -> Session:
         chosen = Choices(scale=0.25, **choices)  # type: ignore[arg-type]
-        return begin(chosen, scenario_file(SMALL), Path("run"))
+        return begin_run(chosen, scenario_file(SMALL), Path("run"))
 
     return session
 
@@ -167,7 +167,7 @@ def test_interrupt_while_pulling_then_going_on(small: Callable[..., Session]) ->
     assert folder.status == "interrupted" and folder.last_complete() is None
     assert folder.look(0).motion().segments[0].name == "approach"
 
-    again = go_on(Path("run"), Choices(actions=2)).run()
+    again = resume_run(Path("run"), Choices(actions=2)).run()
     assert again.status in ("flat", "stopped")
     folder = RunFolder.open("run")
     last = folder.last_complete()
@@ -177,8 +177,8 @@ def test_interrupt_while_pulling_then_going_on(small: Callable[..., Session]) ->
         assert verdict["passed"] and verdict["plan_hash"] == look.plan().content_hash
         assert record.following_error is not None and record.following_error < 1e-3
         assert record.outcome in ("done", "missed")
-    with pytest.raises(InputError, match="a run goes on as it began"):
-        go_on(Path("run"), Choices(garment="tshirt"))
+    with pytest.raises(InputError, match="cannot change when a run is resumed"):
+        resume_run(Path("run"), Choices(garment="tshirt"))
 
 
 @pytest.mark.slow

@@ -71,7 +71,7 @@ def _bad_scenario(path: Path) -> None:
     ("make", "message"),
     [
         (_no_folder, "no such folder; give the folder of a run"),
-        (_no_run, "is no run, run.json is missing"),
+        (_no_run, "run.json is missing"),
         (_damaged, "run.json: cannot be read as JSON"),
         (_no_look, "ended before its first look"),
         (_bad_scenario, "sped"),

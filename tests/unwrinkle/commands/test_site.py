@@ -79,7 +79,7 @@ def test_a_whole_site(start: Callable[..., Running], cell: Cell) -> None:
     running = start()
     rows = rows_of(running.site, cell)
     assert bad(rows) == []
-    assert "sets a second of the groups r1, r2, ext_axis" in rows["joint feedback"].text
+    assert "sets per second of the groups r1, r2, ext_axis" in rows["joint feedback"].text
     assert "25010 is 0" in rows["grippers"].text
     kinds = {message.type for _, message in running.controller.messages}
     assert kinds <= {MessageType.READ_IO_BIT}, "nothing but questions may be sent"
@@ -149,7 +149,7 @@ def test_the_queues_are_emptied_once_that_is_confirmed(
 
     for typed in ("", "yes\n"):
         assert check(typed) == 2
-        assert "the queues were not touched" in capsys.readouterr().err
+        assert "the queues were not emptied" in capsys.readouterr().err
     assert min(running.controller.queued) > 0
     assert check("clear\n") == 0
     assert "the controller's queues are empty" in capsys.readouterr().out
@@ -171,7 +171,7 @@ def test_what_the_robot_says(start: Callable[..., Running], cell: Cell) -> None:
     ("fault", "name", "text"),
     [
         ("groups", "joint feedback", "expected [0, 1, 2]"),
-        ("degrees", "joint positions", "are these degrees"),
+        ("degrees", "joint positions", "are the values degrees"),
         ("nan", "joint positions", "not a finite number"),
         ("silent_state", "joint feedback", "no joint feedback"),
         ("garbage", "controller state", ""),
@@ -240,5 +240,5 @@ def test_the_command(
     assert check(str(path)) == 4
     captured = capsys.readouterr()
     assert "an emergency stop is pressed" in captured.out
-    assert captured.err == "unwrinkle: site loopback: 1 of 12 rows: robot status\n"
+    assert captured.err == "unwrinkle: site loopback: 1 of 12 checks failed: robot status\n"
     assert check("nowhere") == 2

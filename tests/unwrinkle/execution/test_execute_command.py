@@ -190,7 +190,7 @@ def test_without_the_right_hash_nothing_moves(bench_with: Callable[..., Bench]) 
             ExecutionSession(options)
     code, _, err = bench.execute("--go")
     assert code == 2
-    assert "nobody confirmed" in err and err.count("\n") == 1
+    assert "was not confirmed" in err and err.count("\n") == 1
     assert bench.robot.end()["motion"] == 0
 
 

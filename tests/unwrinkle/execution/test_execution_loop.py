@@ -17,7 +17,7 @@ from unwrinkle.execution.controls import (
     parse_key,
 )
 from unwrinkle.execution.executor import DONE, STOPPED
-from unwrinkle.execution.loop import Interrupts, run_to_the_end
+from unwrinkle.execution.loop import StopSignals, run_to_the_end
 from unwrinkle.models.errors import InputError
 
 pytestmark = pytest.mark.alone
@@ -56,7 +56,7 @@ def looped(bench: Any, said: dict[float, str] | None = None, **options: object) 
         bench.now += time
         assert bench.now < 60.0
 
-    interrupts = options.pop("interrupts", None) or Interrupts()
+    interrupts = options.pop("interrupts", None) or StopSignals()
     run_to_the_end(
         bench.executor,
         Script(bench, said or {}),
@@ -73,7 +73,7 @@ def test_the_loop_does_what_is_said(bench: Any) -> None:
     told = looped(bench, {0.2: "speed 0.5", 0.4: "hold", 1.0: "resume", 1.2: "speed 3"})
     words = [call[0] for call in bench.driver.calls]
     assert words[:5] == ["override", "run", "override", "hold", "resume"]
-    assert any(text.startswith("refused: speed is 3") for text in told)
+    assert any(text.startswith("refused: the speed is 3") for text in told)
     assert told[-1] == "done" or told[-1].startswith("coming to rest")
 
 
@@ -95,7 +95,7 @@ def test_a_closed_page_holds_once(bench: Any) -> None:
 
 
 def test_a_signal_stops_it(bench: Any) -> None:
-    interrupts = Interrupts()
+    interrupts = StopSignals()
     interrupts.name, interrupts.number = "SIGTERM", 15
     looped(bench, interrupts=interrupts)
     assert bench.executor.result is not None
@@ -125,7 +125,7 @@ def test_a_terminal_that_is_gone_changes_nothing(bench: Any) -> None:
 
 def test_signals_are_noted_while_the_robot_may_move(bench: Any) -> None:
     before = signal.getsignal(signal.SIGTERM)
-    with Interrupts() as interrupts:
+    with StopSignals() as interrupts:
         with pytest.raises(SystemExit) as stop:
             signal.raise_signal(signal.SIGTERM)
         assert stop.value.code == 128 + signal.SIGTERM

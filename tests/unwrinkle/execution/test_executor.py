@@ -153,14 +153,14 @@ def test_a_driver_that_does_not_listen_ends_it(bench: Any) -> None:
     bench.driver.deaf = True
     bench.run()
     assert bench.executor.result is not None
-    assert "did not take approach" in bench.executor.result.reason
+    assert "did not accept approach" in bench.executor.result.reason
 
 
 def test_a_grasp_that_missed_opens_and_stops(bench: Any) -> None:
     bench.grippers.holding = (True, False)
     bench.run()
     assert bench.executor.result is not None
-    assert "the left gripper closed on nothing" in bench.executor.result.reason
+    assert "the left gripper closed without cloth" in bench.executor.result.reason
     assert "both grippers are open" in bench.executor.result.reason
     assert bench.grippers.commands == [(True, True), (False, False)]
     assert bench.driver.runs == ["approach"]

@@ -71,7 +71,7 @@ def test_page_has_a_card_for_each_look(page: str, run: RunFolder, synthetic_run:
     assert "<h3>3 wrinkles, largest first</h3>" in cards[0]
     plan, verdict = synthetic_run.plans[0], synthetic_run.verdicts[0]
     assert plan.content_hash[:12] in cards[0]
-    assert f"safe, {len(verdict.checks)} checks" in cards[0]
+    assert f"verified, {len(verdict.checks)} checks" in cards[0]
     assert f"{1e3 * verdict.smallest.distance:.1f} mm" in cards[0]
     assert "94.0 → 96.0 %" in cards[0]
     assert "0.40 mrad" in cards[0]
@@ -109,8 +109,8 @@ def test_page_of_a_killed_run_shows_what_is_there(synthetic_run: Any, tmp_path: 
     [
         ("range_map.npz", "no range map was made"),
         ("analysis.json", "No analysis was made."),
-        ("left.png", "what the camera saw"),
-        ("head.yaml", "what the camera saw"),
+        ("left.png", "image of the camera"),
+        ("head.yaml", "image of the camera"),
         ("plan.npz", "verdict"),
         ("action.json", "not finished"),
     ],

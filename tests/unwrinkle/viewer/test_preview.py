@@ -112,7 +112,7 @@ def test_page_shows_hash_verdict_and_clearance(page: str, plan: FlatteningPlan) 
     panel = page[page.index('<div id="panel">') :]
     assert plan.content_hash in panel
     assert f"<b>{plan.content_hash[:12]}</b>" in panel
-    assert '<p class="verdict pass"><b>safe</b>' in panel
+    assert '<p class="verdict pass"><b>verified</b>' in panel
     assert "21.3 mm, r1::link_5 – r2::link_5, at 1.23 s" in panel
     assert "motion 3.00 s, with the grippers 4.50 s" in panel
     assert "pull 20.0 mm (right) and 10.0 mm (left)" in panel
@@ -160,7 +160,7 @@ def test_failed_plan_is_marked_and_its_reasons_are_text(plan: FlatteningPlan, ce
     summary = PreviewSummary(False, None, lines=lines)
     page = preview_page(dc.replace(plan, note="one <arm>"), cell, summary)
     panel = page[page.index('<div id="panel">') :]
-    assert '<p class="verdict fail"><b>not safe</b>' in panel
+    assert '<p class="verdict fail"><b>NOT verified</b>' in panel
     assert "velocity &lt;b&gt;high&lt;/b&gt;" in panel
     assert "reason 6" in panel
     assert "reason 7" not in panel
@@ -236,9 +236,9 @@ def test_live_controls(plan: FlatteningPlan, cell: Cell) -> None:
     meshcat = start_meshcat()
     live = LivePreview(plan, cell, SUMMARY, meshcat)
     names = list(meshcat.GetButtonNames())
-    assert f"plan {plan.content_hash[:12]}: safe" in names
+    assert f"plan {plan.content_hash[:12]}: verified" in names
     assert "smallest clearance 21.3 mm, r1::link_5 – r2::link_5, at 1.23 s" in names
-    assert meshcat.HasPath("plan/board")
+    assert meshcat.HasPath("plan/text panel")
 
     assert live.update(0.5) == pytest.approx(0.5)  # it opens playing
     meshcat.SetSliderValue("speed", 0.5)
