@@ -24,8 +24,12 @@ from unwrinkle.systems.station.world import SimulatedStation
 from unwrinkle.systems.supervisor import FlatteningSupervisorSystem
 
 #: Names of the subsystems.
-STATION, PERCEPTION, ANALYSIS = "station", "perception", "analysis"
-PLANNER, VERIFICATION, SUPERVISOR = "planner", "verification", "supervisor"
+STATION = "station"
+PERCEPTION = "perception"
+ANALYSIS = "analysis"
+PLANNER = "planner"
+VERIFICATION = "verification"
+SUPERVISOR = "supervisor"
 
 #: Connections as (system, output port, system, input port), except for the images, which depend on
 #: the sensor.
@@ -47,7 +51,8 @@ WIRES = (
     (SUPERVISOR, "head.command", STATION, "head.command"),
     (SUPERVISOR, "speed_override", STATION, "speed_override"),
 )
-PICTURES = {
+#: Connections of the images, by the scenario's sensor.
+IMAGE_WIRES = {
     "stereo": (
         (STATION, "head.left_image", PERCEPTION, "left_image"),
         (STATION, "head.right_image", PERCEPTION, "right_image"),
@@ -117,7 +122,7 @@ def build_flattening_diagram(
     for name, system in systems.items():
         system.set_name(name)
         builder.AddSystem(system)
-    for source, output, target, input_port in (*WIRES, *PICTURES[kind]):
+    for source, output, target, input_port in (*WIRES, *IMAGE_WIRES[kind]):
         builder.Connect(
             systems[source].GetOutputPort(output), systems[target].GetInputPort(input_port)
         )

@@ -77,7 +77,7 @@ def stereo() -> Iterator[tuple[Diagram, BareStation]]:
 
 def test_systems_and_connections(stereo: tuple[Diagram, BareStation]) -> None:
     found = links(stereo[0])
-    wanted = (*flattening_diagram.WIRES, *flattening_diagram.PICTURES["stereo"])
+    wanted = (*flattening_diagram.WIRES, *flattening_diagram.IMAGE_WIRES["stereo"])
     assert {dc.astuple(link) for link in found} == set(wanted) and len(found) == len(wanted)
     names = {system.get_name() for system in stereo[0].GetSystems()}
     assert names == {"station", "perception", "analysis", "planner", "verification", "supervisor"}

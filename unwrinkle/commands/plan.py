@@ -41,7 +41,9 @@ if TYPE_CHECKING:
     from unwrinkle.planning.verification.verdict import Verdict
 
 
-_PLAN, _VERDICT, _PAGE = _PLAN_FILES = ("plan.npz", "verdict.json", "preview.html")
+_PLAN = "plan.npz"
+_VERDICT = "verdict.json"
+_PAGE = "preview.html"
 
 
 def plan(
@@ -121,8 +123,8 @@ def plan(
         clock.lap("page")
     _print_plan(console, proposal.choice, proposal.plan, proposal.verdict)
     console.print(f"times: {clock}", highlight=False)
-    console.print(f"plan    {folder / 'plan.npz'}", highlight=False)
-    console.print(f"page    {folder / 'preview.html'}", highlight=False)
+    console.print(f"plan    {folder / _PLAN}", highlight=False)
+    console.print(f"page    {folder / _PAGE}", highlight=False)
 
 
 def _nothing_planned(
@@ -150,7 +152,7 @@ def _nothing_planned(
             for refusal in proposal.refusals
         )
         raise NoSafePlanError(f"no verified plan: {reasons or stop.reason}")
-    with finished_folder(folder, outdated=_PLAN_FILES) as work:
+    with finished_folder(folder, outdated=(_PLAN, _VERDICT, _PAGE)) as work:
         save_analysis(work, observation, chosen, options, pictures=pictures)
     console.print(f"{stop.reason}; nothing to plan. Analysis in {folder}/", highlight=False)
 

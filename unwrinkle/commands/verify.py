@@ -10,7 +10,7 @@ from unwrinkle.models.errors import NoSafePlanError
 
 #: Width of a table outside a terminal, columns.
 _WIDTH = 120
-_NUMBERS = ("worst", "limit", "margin", "nearest", "proven", "required")
+_NUMBERS = ("worst", "limit", "margin", "nearest", "lower bound", "required")
 
 
 def verify(
@@ -45,7 +45,7 @@ def verify(
         console.width = _WIDTH
     checks = ("check", "result", "worst", "limit", "margin", "where")
     _print(console, "Checks", checks, verdict.rows())
-    pairs = ("bodies", "kind", "nearest", "proven", "required", "when")
+    pairs = ("bodies", "kind", "nearest", "lower bound", "required", "when")
     _print(console, "Pairs nearest to their padding", pairs, verdict.clearance_rows())
     for violation in verdict.violations:
         console.print(

@@ -8,7 +8,7 @@ from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.verification.clearance import check_clearances
 from unwrinkle.planning.verification.motion import Leg
-from unwrinkle.planning.verification.verdict import Findings
+from unwrinkle.planning.verification.verdict import Findings, PairClearance
 from unwrinkle.planning.verification.verifier import cell_model
 
 #: Excess over a limit that still counts as on it, rad: the resolution of an encoder.
@@ -110,11 +110,14 @@ def _clearances(cell: Cell, positions: Array, closed: tuple[bool, bool]) -> Post
     report = check_clearances(model, [leg], [model.frames(rows)[0]], (False, False), found)
     margin = min((pair.margin for pair in report.clearances), default=np.inf)
     problems = [
-        f"{' and '.join(pair.bodies)} are {1e3 * pair.distance:.1f} mm apart, at least "
-        f"{1e3 * pair.required:.0f} mm is required"
-        for pair in report.clearances
-        if found.violations and pair.margin < 0.0
+        _too_near(pair) for pair in report.clearances if found.violations and pair.margin < 0.0
     ]
     # A violation without a pair of negative margin must be reported as well.
     problems = problems or [violation.message for violation in found.violations]
     return PostureCheck(tuple(problems), float(margin))
+
+
+def _too_near(pair: PairClearance) -> str:
+    names, distance = " and ".join(pair.bodies), 1e3 * pair.distance
+    apart = f"are {distance:.1f} mm apart" if distance >= 0.0 else f"overlap by {-distance:.1f} mm"
+    return f"{names} {apart}, at least {1e3 * pair.required:.0f} mm of distance is required"

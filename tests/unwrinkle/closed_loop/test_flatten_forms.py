@@ -182,7 +182,7 @@ def test_a_run_goes_on_in_its_own_form(first_look: Path) -> None:
         resume_run(first_look, Choices(station="loopback"))
 
 
-def test_plans_are_proven_in_the_sites_own_cell(tmp_path: Path) -> None:
+def test_plans_are_verified_in_the_sites_own_cell(tmp_path: Path) -> None:
     own, other = tmp_path / "lab.scenario.yaml", tmp_path / "other.scenario.yaml"
     own.write_text("Lab:\n  table: {size: [0.0, 0.8]}\n", encoding="utf-8")
     other.write_text("Other: {}\n", encoding="utf-8")

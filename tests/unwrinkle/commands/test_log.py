@@ -69,7 +69,7 @@ def test_show(
 ) -> None:
     assert run(monkeypatch, "show", log) == 0
     out = capsys.readouterr().out
-    for text in ("loopback", "40.0 per second", "13 of 13", "ready > running", "done", "whole"):
+    for text in ("loopback", "40.0 per second", "13 of 13", "ready > running", "done", "complete"):
         assert text in out
 
 

@@ -42,7 +42,7 @@ def test_good_plan(
     captured = capsys.readouterr()
     assert captured.err == ""
     assert "is safe" in captured.out
-    for word in ("jerk", "tip speed", "finger table", "proven"):
+    for word in ("jerk", "tip speed", "finger table", "lower bound"):
         assert word in captured.out
     verdict = json.loads((tmp_path / "verdict.json").read_text())
     assert verdict["passed"] is True

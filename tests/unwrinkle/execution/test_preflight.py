@@ -129,7 +129,7 @@ def test_a_start_in_collision_names_the_pair_and_a_way_out(look: Callable[..., P
     assert failed(found) == ["posture", "start"]
     text = found.check("posture").text
     assert "r1::link_5 and t2::desk" in text
-    assert "jog the robot" in text and "pendant" in text
+    assert "jog it home" in text and "pendant" in text
 
 
 def test_a_small_way_out_is_named_and_is_one(cell: Cell) -> None:

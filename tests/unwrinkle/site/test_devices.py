@@ -223,7 +223,7 @@ def test_can_grippers_that_are_wrong(
     ):
         check_can_grippers(dc.replace(site, limbs=[7, 0], timeout=0.3), CLOCK, SLEEP)
     virtual.faults.add("uncalibrated")
-    with pytest.raises(HardwareError, match="left gripper does not know its position"):
+    with pytest.raises(HardwareError, match="left gripper is not calibrated"):
         check_can_grippers(site, CLOCK, SLEEP)
     virtual.faults.add("silent")
     with pytest.raises(
