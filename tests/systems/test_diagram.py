@@ -1,4 +1,4 @@
-"""The diagram: named systems, wired as the architecture says, computing only what is asked for."""
+"""The diagram: named systems, connected as documented, evaluated on demand."""
 
 import copy
 import dataclasses as dc
@@ -39,7 +39,7 @@ OUTPUTS = {
 
 
 class BareStation(LeafSystem):
-    """The ports of a station, and nothing behind them."""
+    """Station with ports and without function."""
 
     def __init__(self) -> None:
         super().__init__()

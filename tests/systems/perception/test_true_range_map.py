@@ -1,4 +1,4 @@
-"""The range map of the true shape: where it is, how high, how noisy."""
+"""Range map of the true shape: position, height and noise."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The simulated station's head and cameras: once for every command, at rest, and what can go wrong."""
+"""The simulated station's head and cameras: one exposure per command, at rest, and faults."""
 
 import dataclasses as dc
 from collections.abc import Callable
@@ -57,9 +57,9 @@ def test_one_exposure_for_one_command(bench: Any, gaze: Gaze, head: StereoHead) 
     np.testing.assert_allclose(bench.read("head.position_measured"), reported)
     true = bench.station.motion_log.between(bench.context, 0.0).head[-1]
     error = np.abs(true - reported) / step
-    assert (error < 0.8).all() and error.max() > 0.01  # near, and not what it reports
+    assert (error < 0.8).all() and error.max() > 0.01  # near, but not equal to the reported angle
     bench.go(1.0)
-    assert bench.read("head.left_image") is left  # nothing new
+    assert bench.read("head.left_image") is left  # unchanged
     again = bench.look(gaze, 0.3)
     assert again.number == 2 and again.time > left.time
     noise = again.pixels.astype(float) - left.pixels
@@ -67,7 +67,7 @@ def test_one_exposure_for_one_command(bench: Any, gaze: Gaze, head: StereoHead) 
 
 
 class _Reader(LeafSystem):
-    """Costly perception and an impatient supervisor: counts how often the picture is worked on."""
+    """Slow perception and a supervisor that polls it: count how often a picture is evaluated."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -31,7 +31,7 @@ SMALL = ["--scale", "0.25", "--no-live"]
 
 @pytest.fixture(scope="module")
 def first_look(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run that only looks: its folder has the pair that the head sees first."""
+    """Run a look without an action; return its folder with the first pair."""
     folder = tmp_path_factory.mktemp("look") / "run"
     result = CliRunner().invoke(app, ["flatten", "--actions", "0", "--out", str(folder), *SMALL])
     assert result.exit_code == 3, result.output
@@ -40,7 +40,7 @@ def first_look(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def site(first_look: Path, tmp_path: Path) -> Iterator[Site]:
-    """Virtual equipment in real time; its camera gives the first look's pair, once."""
+    """Run virtual equipment in real time; its camera returns the first look's pair, once."""
     pairs = tmp_path / "pairs"
     pairs.mkdir()
     for eye in ("left", "right"):
@@ -117,7 +117,10 @@ def test_an_action_on_devices_in_real_time(site: Site, tmp_path: Path) -> None:
     assert moved > 0.3 and not records.cut
     grips = [event.data["closed"] for event in records.events if event.kind == "gripper"]
     assert grips == [[True, True], [False, False]]
-    for page in ("report.html", "replay.html"):  # nothing of it was simulated, and none says so
+    for page in (
+        "report.html",
+        "replay.html",
+    ):  # nothing was simulated, and the pages must not claim so
         text = (folder / page).read_text(encoding="utf-8")
         assert "site's devices" in text and "are simulated" not in text
 
@@ -189,6 +192,6 @@ def test_plans_are_verified_in_the_sites_own_cell(tmp_path: Path) -> None:
     site = dc.replace(loopback_site(), scenario=str(own))
     with pytest.raises(InputError, match="leave --scenario out"):
         begin_run(HARDWARE, other, tmp_path / "run", site=site, approve=lambda p, v: "")
-    with pytest.raises(InputError, match="table size"):  # its own cell is read, and is absurd
+    with pytest.raises(InputError, match="table size"):  # its own cell is read, and is invalid
         begin_run(HARDWARE, None, tmp_path / "run", site=site, approve=lambda p, v: "")
     assert not (tmp_path / "run").exists()

@@ -63,7 +63,7 @@ def _truth() -> StereoHead:
 
 @pytest.fixture(scope="module")
 def photographs(tmp_path_factory: pytest.TempPathFactory, draw_board: Draw) -> Path:
-    """A folder with pairs of a board carried about, looks at a fixed one, and looks.yaml."""
+    """Return a folder with pairs of a moved calibration board, looks at a fixed one, and looks.yaml."""
     folder = tmp_path_factory.mktemp("head")
     rng, head = np.random.default_rng(2), _truth()
     margin = BOARD.square * np.array([[-1, -1], [-1, 5], [6, -1], [6, 5]])
@@ -166,7 +166,7 @@ def test_a_camera_in_the_gripper_from_photographs(
 def test_real_chessboards(
     shared_data: Path, run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As they are; and with one of the eight spoilt, which leaves too few."""
+    """Eight views suffice; with one damaged there are too few."""
     source = shared_data / "stereo_chessboard"
     board = ("--board", "9x6", "--square", "0.025")
     assert run("calibrate", "stereo", source, *board, "--out", "a/b.yaml") == 0

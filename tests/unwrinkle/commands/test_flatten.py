@@ -1,4 +1,4 @@
-"""`unwrinkle flatten`: bad input, faults, interrupts, and going on; the whole loop in small."""
+"""`unwrinkle flatten`: bad input, faults, interrupts, resuming; the whole loop at small scale."""
 
 import os
 import signal
@@ -46,7 +46,7 @@ def scenario_file(text: str) -> Path:
 
 
 class At:
-    """A watcher that does something once, when the supervisor enters a state for the n-th time."""
+    """Watcher with one action when the supervisor enters a state for the n-th time."""
 
     def __init__(self, mode: str, count: int, action: Callable[[], None]) -> None:
         self.mode, self.count, self.action = mode, count, action

@@ -1,4 +1,4 @@
-"""`unwrinkle log`: a log shown, replayed and exported, whole or cut."""
+"""`unwrinkle log`: show, replay and export a log, complete or incomplete."""
 
 import json
 import sys
@@ -22,7 +22,7 @@ BEGIN = 100.0
 
 @pytest.fixture
 def log(plan: FlatteningPlan, cell: Cell, tmp_path: Path) -> Path:
-    """The log of a run of the plan, with rest before and after, read 40 times a second."""
+    """Write the log of a run of the plan at 40 Hz, with rest before and after."""
     plan.save(tmp_path / "plan.npz")
     header = {
         "site": "loopback",

@@ -1,4 +1,4 @@
-"""`unwrinkle render`: the pair, its look and its truth belong together."""
+"""`unwrinkle render`: the pair, its angles and its true heights are consistent."""
 
 import sys
 from pathlib import Path

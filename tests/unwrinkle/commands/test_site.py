@@ -1,4 +1,4 @@
-"""`unwrinkle site check` against virtual devices, whole ones and broken ones; nothing may move."""
+"""`unwrinkle site check` against virtual devices, intact and faulty; nothing may move."""
 
 import dataclasses as dc
 import io
@@ -87,7 +87,7 @@ def test_a_whole_site(start: Callable[..., Running], cell: Cell) -> None:
 
 def test_nobody_is_there(cell: Cell) -> None:
     site = find_site("loopback")
-    # Port 1 of this machine answers nobody.
+    # Nothing listens on port 1 of this machine.
     ports = {"motion_port": 1, "state_port": 1, "io_port": 1}
     site = dc.replace(site, controller=dc.replace(site.controller, **ports))
     rows = rows_of(site, cell)
@@ -96,7 +96,7 @@ def test_nobody_is_there(cell: Cell) -> None:
 
 
 def left_in_motion(running: Running) -> np.ndarray:
-    """Leave increments in the queues of a controller that nobody is connected to; where the axes rest then."""
+    """Leave increments in the queues of a disconnected controller; return the axes' positions."""
     controller, c = running.controller, running.site.controller
     link = TcpLink.connect(c.host, c.motion_port, 2.0, "a client that dies")
     link.send(MotionControl(-1, 0, Command.START_TRAJ_MODE).to_message().encode())
@@ -154,7 +154,7 @@ def test_the_queues_are_emptied_once_that_is_confirmed(
     assert check("clear\n") == 0
     assert "the controller's queues are empty" in capsys.readouterr().out
     assert max(running.controller.queued) == 0
-    # At most what the controller runs before it reads the first bytes.
+    # The controller may run this much before it reads the first bytes.
     assert np.abs(running.controller.positions - stood).max() <= 0.4 * 0.004 * 1.5
     assert clear_queue(running.site.controller).needed is False
 
@@ -180,7 +180,7 @@ def test_what_the_robot_says(start: Callable[..., Running], cell: Cell) -> None:
 def test_feedback_that_is_wrong(
     start: Callable[..., Running], cell: Cell, fault: str, name: str, text: str
 ) -> None:
-    # An axis stands far enough from zero that degrees cannot be radians.
+    # An axis is so far from zero that degrees cannot be radians.
     running = start(ServerFault(fault), at=np.full(13, 0.2))
     rows = rows_of(running.site, cell)
     assert name in bad(rows)

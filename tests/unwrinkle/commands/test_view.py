@@ -153,7 +153,7 @@ def test_show_refuses_an_unknown_state(
 
 
 def _click(meshcat: Any, name: str) -> None:
-    """What the browser sends for a click, as msgpack."""
+    """Return the message of a click, as msgpack."""
     text = name.encode()
     message = b"\x82\xa4type\xa6button\xa4name\xd9" + bytes([len(text)]) + text
     meshcat._InjectWebsocketMessage(message=message)

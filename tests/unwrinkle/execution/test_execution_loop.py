@@ -1,4 +1,4 @@
-"""The loop around the executor: what is said, pages, signals and exceptions; and the words themselves."""
+"""The loop around the executor: instructions, pages, signals and exceptions."""
 
 import os
 import signal
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.alone
 
 
 class Script:
-    """Controls that say things at times of the clock."""
+    """Controls that return instructions at given times."""
 
     def __init__(self, bench: Any, said: dict[float, str]) -> None:
         self._bench, self._said = bench, dict(said)
@@ -36,7 +36,7 @@ class Script:
 
 
 class FakePage:
-    """A page that is closed at a time."""
+    """Page that is closed at a given time."""
 
     def __init__(self, closes: float) -> None:
         self._closes = closes
@@ -48,7 +48,7 @@ class FakePage:
 
 
 def looped(bench: Any, said: dict[float, str] | None = None, **options: object) -> list[str]:
-    """Run the loop to its end; what the operator read."""
+    """Run the loop to its end; return the displayed messages."""
     told: list[str] = []
 
     def sleep(time: float) -> None:
@@ -174,7 +174,7 @@ def test_controls_come_from_a_file_or_a_named_pipe(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     with open_controls(str(tmp_path / "pipe")) as controls:
         assert list(controls.read()) == []
-        for word in ("hold", "resume"):  # whoever writes comes and goes
+        for word in ("hold", "resume"):  # each writer connects and disconnects
             with open(tmp_path / "pipe", "w") as writer:
                 writer.write(word + "\n")
             assert [said.word for said in controls.read()] == [word]

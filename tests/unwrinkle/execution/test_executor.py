@@ -31,7 +31,7 @@ def test_segments_and_grippers_in_order(bench: Any) -> None:
 
 @pytest.mark.parametrize("off", [-4e-4, -1e-15, 0.0, 4e-16, 4e-4])
 def test_rounding_of_times_does_not_change_the_order(bench_of: Any, off: float) -> None:
-    # A clock of sums: the pull may end the last bit of a float after the event that follows it.
+    # Times are sums: the pull may end one rounding error after the event that follows it.
     bench = bench_of()
     first, pull, last = bench.plan.segments
     plan = dc.replace(bench.plan, segments=(first, dc.replace(pull, start=pull.start + off), last))
@@ -248,7 +248,7 @@ def test_a_dead_man_key_does_not_undo_the_operators_hold(bench_of: Any) -> None:
 
 
 class FullDisk(NoLog):
-    """A log that can be written until the pull begins."""
+    """Log that fails from the start of the pull."""
 
     def event(self, now: float, kind: str, text: str, **data: object) -> None:
         if text == "pull":

@@ -1,4 +1,4 @@
-"""Preflight: everything right passes; every single thing that is wrong is refused and named."""
+"""Preflight: a correct setup passes; each single fault is refused and named."""
 
 import dataclasses as dc
 import datetime
@@ -57,7 +57,7 @@ def real_plan(cell: Cell) -> FlatteningPlan:
 
 @pytest.fixture
 def look(cell: Cell, real_plan: FlatteningPlan, tmp_path: Path) -> Callable[..., Preflight]:
-    """Preflight with one thing changed."""
+    """Return a function that runs the preflight with one change."""
 
     def run(axis: dict[int, float] | None = None, **changes: object) -> Preflight:
         q = np.zeros(13)

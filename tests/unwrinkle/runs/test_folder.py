@@ -1,4 +1,4 @@
-"""A run's folder: what is written can be read, whenever and however the run ends."""
+"""Folder of a run: written files are readable, however the run ends."""
 
 import dataclasses as dc
 import errno
@@ -304,7 +304,7 @@ def test_a_full_disk_names_the_file_and_leaves_the_run_readable(
     real = Path.open
 
     class Full:
-        """A stream that takes half of what is written, as a disk that fills up does."""
+        """Stream that writes half of the data, like a disk that becomes full."""
 
         def __init__(self, stream: IO[Any]) -> None:
             self._stream = stream

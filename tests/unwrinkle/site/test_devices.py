@@ -1,4 +1,4 @@
-"""What `unwrinkle site check` finds of units, cameras and grippers: really asked, and nothing told to move."""
+"""`unwrinkle site check` on units, cameras and grippers: they are queried, and nothing moves."""
 
 import dataclasses as dc
 import sys
@@ -133,7 +133,7 @@ def test_a_watched_folder_waits_for_a_pair_and_tells_its_skew(
 
 
 class Device:
-    """As much of cv2.VideoCapture as is used; device 9 is not there."""
+    """Fake of cv2.VideoCapture; device 9 is missing."""
 
     def __init__(self, source: str) -> None:
         self.there = source != "9"
@@ -191,14 +191,14 @@ def test_an_exposure_has_an_end() -> None:
 
 @pytest.fixture
 def far_bus() -> Iterator[can.BusABC]:
-    """The grippers' end of a virtual bus; closed after the threads that poll it have ended."""
+    """Yield the grippers' end of a virtual bus; it is closed after the polling threads."""
     with can.Bus(interface="virtual", channel=f"check {next(_CHANNELS)}") as bus:
         yield bus
 
 
 @pytest.fixture
 def grippers(far_bus: Any, background: Any) -> tuple[GripperSite, VirtualCanGrippers]:
-    """Virtual grippers on a bus of their own, and their site."""
+    """Return virtual grippers on a separate bus, and their site."""
     site = GripperSite("can", interface="virtual", channel=far_bus.channel_id, timeout=5.0)
     virtual = VirtualCanGrippers(far_bus)
     background(virtual.poll)

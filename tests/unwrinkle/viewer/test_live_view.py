@@ -1,4 +1,4 @@
-"""The loop's live view: shows what it is given, sends nothing twice, and is cheap."""
+"""Live view of the loop: it shows its inputs, sends nothing twice, and needs little CPU time."""
 
 import time
 from pathlib import Path

@@ -36,7 +36,7 @@ def page(plan: FlatteningPlan, cell: Cell) -> str:
 
 
 def _payloads(page: str) -> list[bytes]:
-    """What the page sends to its viewer: packed commands."""
+    """Return the packed commands that the page sends to its viewer."""
     found = re.findall(r'fetch\("data:application/octet-binary;base64,([^"]*)"', page)
     return [base64.b64decode(text) for text in found]
 
@@ -100,7 +100,7 @@ def test_page_is_self_contained(page: str) -> None:
     assert policy[1] == POLICY
     assert policy[1].startswith("default-src 'none';")
     assert not re.search(r"https?:|wss?:|\*", policy[1])
-    # The policy stands before everything that could load something.
+    # The policy precedes everything that could load something.
     assert page.index(POLICY) < page.index("<script")
     assert re.findall(r"<script[^>]*\ssrc=|<link\b|@import|<iframe", page.split("</head>")[0]) == []
     panel = page[page.index('<div id="panel">') :]
@@ -201,7 +201,7 @@ def test_summary_of_a_verdict() -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="no Chromium here")
 def test_page_opens_in_a_browser_at_the_time_asked_for(page: str, tmp_path: Path) -> None:
-    """The scripts run under the page's own policy: panel, labels and robot stand at `at`."""
+    """The scripts run under the page's own policy: panel, labels and robot are at the time `at`."""
     path = tmp_path / "preview.html"
     path.write_text(page, encoding="utf-8")
     command = ["chromium", "--headless=new", "--no-sandbox", "--disable-dev-shm-usage"]
@@ -226,7 +226,7 @@ def test_page_opens_in_a_browser_at_the_time_asked_for(page: str, tmp_path: Path
 
 
 def _click(meshcat: Any, name: str) -> None:
-    """What the browser sends for a click, as msgpack."""
+    """Return the message of a click, as msgpack."""
     text = name.encode()
     message = b"\x82\xa4type\xa6button\xa4name\xd9" + bytes([len(text)]) + text
     meshcat._InjectWebsocketMessage(message=message)
@@ -253,7 +253,7 @@ def test_live_controls(plan: FlatteningPlan, cell: Cell) -> None:
     _click(meshcat, "play / pause")
     meshcat.SetSliderValue("speed", 1.0)
     assert live.update(4.0) == pytest.approx(4.25)
-    assert live.update(4.0) == 0.0  # from the start again
+    assert live.update(4.0) == 0.0  # it restarts
 
 
 def test_live_ends_when_told(plan: FlatteningPlan, cell: Cell) -> None:
