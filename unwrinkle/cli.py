@@ -13,8 +13,10 @@ from unwrinkle.models.errors import UnwrinkleError
 
 app = typer.Typer(
     name="unwrinkle",
-    help="Flatten a garment with two arms: find its wrinkles, plan a motion, verify it against the model of the cell.",
-    epilog="Exit codes: 0 done, 1 internal error, 2 bad input or usage, 3 no verified plan, 4 a device failed.",
+    help="Flatten a garment with two arms: find its wrinkles, plan a motion, "
+    "verify it against the model of the cell.",
+    epilog="Exit codes: 0 done, 1 internal error, 2 bad input or usage, "
+    "3 no verified plan, 4 a device failed.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

@@ -86,7 +86,8 @@ class PanTiltLockstep:
         self._driver.poll(now)
         if not self._port.fill(self._line.sent, DELIVERY_TIMEOUT):
             raise HardwareError(
-                f"{self._line.device}: bytes of the driver did not arrive within {DELIVERY_TIMEOUT:g} s"
+                f"{self._line.device}: bytes of the driver did not arrive within "
+                f"{DELIVERY_TIMEOUT:g} s"
             )
 
 

@@ -201,7 +201,8 @@ def simulated_cloth(cell: Cell) -> Cloth:
     if np.any(size > np.array(table.size)):
         raise InputError(
             f"a {garment.outline} of {size[0]:.2f} x {size[1]:.2f} m is larger than the table of "
-            f"{table.size[0]:.2f} x {table.size[1]:.2f} m; choose a smaller garment or another table"
+            f"{table.size[0]:.2f} x {table.size[1]:.2f} m; choose a smaller garment or another "
+            "table"
         )
     x, y, height = (float(value) for value in cell.table_centre)
     support = Support((x, y), (table.size[0], table.size[1]), height)

@@ -62,7 +62,8 @@ class MeasuredSegment:
                 )
         if count < 2 or not np.isfinite(self.times).all() or np.any(np.diff(self.times) <= 0.0):
             raise InputError(
-                f"measured {self.name}: at least two increasing, finite times are needed, got {count}"
+                f"measured {self.name}: at least two increasing, finite times are needed, got "
+                f"{count}"
             )
 
 
@@ -205,7 +206,8 @@ def _limit_violations(cell: Cell, measured: Sequence[MeasuredSegment]) -> list[s
         low, high = m.positions.min(axis=0), m.positions.max(axis=0)
         for i in np.flatnonzero((low < limits.lower - room) | (high > limits.upper + room)):
             violations.append(
-                f"{m.name}: {axes[i]} moved between {low[i]:.4f} and {high[i]:.4f} rad, its limits are "
+                f"{m.name}: {axes[i]} moved between {low[i]:.4f} and {high[i]:.4f} rad, its limits "
+                "are "
                 f"{limits.lower[i]:.4f} and {limits.upper[i]:.4f} rad"
             )
         fastest = np.abs(m.velocities).max(axis=0)

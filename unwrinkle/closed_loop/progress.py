@@ -54,13 +54,17 @@ def _lines(
         truth = station.truth()
         known = ""
         if truth is not None:
-            known = f" (true coverage {truth['coverage']:.1%}, true height {1e3 * truth['height']:.1f} mm)"
+            known = (
+                f" (true coverage {truth['coverage']:.1%}, "
+                f"true height {1e3 * truth['height']:.1f} mm)"
+            )
         return [f"look {action.look}", f"  picture       {spent:6.2f} s{known}"]
     if before.mode == Mode.PERCEIVE and now.mode == Mode.DECIDE:
         return _found(now, seconds)
     if action is before.action or action.look == before.action.look:
         refused = [
-            f"  no plan       {spent:6.2f} s: wrinkle {refusal.wrinkle + 1}, {refusal.arms}: {refusal.reason}"
+            f"  no plan       {spent:6.2f} s: wrinkle {refusal.wrinkle + 1}, {refusal.arms}: "
+            f"{refusal.reason}"
             for refusal in action.refusals[len(before.action.refusals) :]
         ]
         if refused:

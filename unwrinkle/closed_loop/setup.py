@@ -205,12 +205,14 @@ def _on_hardware(
         )
     if approve is None:
         raise InputError(
-            f"the hardware station moves the robot of site {site.name}: add --go to permit this, or rehearse "
+            f"the hardware station moves the robot of site {site.name}: add --go to permit this, "
+            "or rehearse "
             "with --station loopback"
         )
     if site.commissioning:
         raise InputError(
-            f"site {site.name} is under commissioning: run single plans with `unwrinkle execute` first; "
+            f"site {site.name} is under commissioning: run single plans with `unwrinkle execute` "
+            "first; "
             "then set commissioning: false"
         )
     if scenario.sensor.kind == "stereo":

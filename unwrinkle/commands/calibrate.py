@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from unwrinkle.perception.stereo.head_file import HeadCalibration
 
 calibrate = typer.Typer(
-    help="Calibrate cameras, the stereo head, or a camera in the gripper, from images of a calibration board.",
+    help="Calibrate cameras, the stereo head, or a camera in the gripper, "
+    "from images of a calibration board.",
     no_args_is_help=True,
 )
 
@@ -102,9 +103,7 @@ def hand_eye(
     ] = None,
     camera: Annotated[
         str | None,
-        typer.Option(
-            help="With --poses: name or YAML file of the camera; fitted from the images if left out."
-        ),
+        typer.Option(help="With --poses: name or YAML file of the camera; fitted if left out."),
     ] = None,
     head: Annotated[
         Path | None, typer.Option(help="Calibration to start from; the Glasgow head's if left out.")

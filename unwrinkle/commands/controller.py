@@ -99,7 +99,8 @@ def controller(
     try:
         motion, state, io = equipment.server.ports
         say(
-            f"virtual controller on {found.controller.host}: motion {motion}, state {state}, I/O {io}"
+            f"virtual controller on {found.controller.host}: motion {motion}, state {state}, I/O "
+            f"{io}"
         )
         for side, device in zip(("left", "right"), equipment.devices, strict=False):
             say(f"pan-tilt unit, {side}: {device}")

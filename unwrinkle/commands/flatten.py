@@ -62,7 +62,7 @@ def flatten(
     station: Annotated[
         str | None,
         typer.Option(
-            help="sim, loopback (the real drivers against virtual devices) or hardware [the scenario's]."
+            help="sim, loopback (drivers against virtual devices) or hardware [the scenario's]."
         ),
     ] = None,
     site: Annotated[
@@ -118,7 +118,8 @@ def flatten(
     if resume is not None:
         if scenario is not None or out is not None:
             raise InputError(
-                "--resume uses the scenario and the folder of the run; leave --scenario and --out out"
+                "--resume uses the scenario and the folder of the run; leave --scenario and --out "
+                "out"
             )
         with console.status("reading the run"):
             session = resume_run(resume, choices, site=where, approve=approve)

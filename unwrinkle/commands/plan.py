@@ -182,7 +182,8 @@ def _print_plan(
             pull = 1e3 * arm.share * plan.target.hands[arm.side].pull_distance
             tools.append(f"{name} arm pulls {pull:.1f} mm, tilt {degrees(arm.tilt):.0f} deg")
     console.print(
-        f"{kind} plan for wrinkle {choice.decision.wrinkle.index + 1}: turn-table {degrees(plan.turntable):.0f} deg, "
+        f"{kind} plan for wrinkle {choice.decision.wrinkle.index + 1}: turn-table "
+        f"{degrees(plan.turntable):.0f} deg, "
         f"{', '.join(tools)}; motion {plan.motion_time:.2f} s",
         highlight=False,
     )

@@ -68,7 +68,8 @@ def parse_instruction(line: str) -> Instruction | None:
     word = parts.pop(0) if parts else ""
     if word not in WORDS or len(parts) != (word == SPEED):
         raise InputError(
-            f"'{line.strip()[:60]}' is no command; give hold, resume, stop, speed SHARE or alive, with @TIME in "
+            f"'{line.strip()[:60]}' is no command; give hold, resume, stop, speed SHARE or alive, "
+            "with @TIME in "
             "front to delay it"
         )
     return Instruction(word, _number(parts[0], line) if parts else 0.0, at=at)

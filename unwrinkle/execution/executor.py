@@ -249,7 +249,8 @@ class PlanExecutor:
             if self._now - move.asked > ACKNOWLEDGE_TIMEOUT_S:
                 self._end(
                     FAILED,
-                    f"the driver did not accept {move.segment.name} within {ACKNOWLEDGE_TIMEOUT_S:g} s",
+                    f"the driver did not accept {move.segment.name} within "
+                    f"{ACKNOWLEDGE_TIMEOUT_S:g} s",
                 )
             return
         if status.state in (HOLDING, HELD) and not self.held:

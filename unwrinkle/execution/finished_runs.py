@@ -49,7 +49,8 @@ class FinishedRuns:
                 stream.write(json.dumps(record) + "\n")
         except OSError as error:
             raise InputError(
-                f"{self.path}: the finished run cannot be recorded ({error.strerror or error}); the plan's next "
+                f"{self.path}: the finished run cannot be recorded ({error.strerror or error}); "
+                "the plan's next "
                 "run will count as its first"
             ) from None
 

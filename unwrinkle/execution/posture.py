@@ -47,7 +47,8 @@ def check_posture(cell: Cell, positions: Array, closed: tuple[bool, bool]) -> Po
         limit = limits.lower[i] if side == "below" else limits.upper[i]
         problems.append(
             f"{cell.robot.axes[i]} is at {np.degrees(positions[i]):.2f} deg, "
-            f"{np.degrees(abs(positions[i] - limit)):.2f} deg {side} its limit {np.degrees(limit):.1f} deg"
+            f"{np.degrees(abs(positions[i] - limit)):.2f} deg {side} its limit "
+            f"{np.degrees(limit):.1f} deg"
         )
     found = _clearances(cell, positions, closed)
     return PostureCheck((*problems, *found.problems), found.margin)
@@ -90,7 +91,8 @@ def escape(cell: Cell, positions: Array, closed: tuple[bool, bool]) -> str:
         if best is not None:
             return f"jog the robot clear with the pendant, e.g. {best[1]}; nothing moves by itself"
     return (
-        f"no move of a single axis by up to {_ESCAPES[-1]:.0f} deg clears the robot: jog it home with the "
+        f"no move of a single axis by up to {_ESCAPES[-1]:.0f} deg clears the robot: jog it home "
+        "with the "
         "pendant, watching the nearest bodies"
     )
 

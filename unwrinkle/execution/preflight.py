@@ -282,7 +282,8 @@ def _check_feedback(site: Site, feedback: JointFeedback | None, now: float) -> s
     age, most = now - feedback.received, site.controller.hold_after
     if not age <= most:
         raise InputError(
-            f"the last joint feedback is {age:.2f} s old, at most {most:.2f} s is allowed; is the connection alive?"
+            f"the last joint feedback is {age:.2f} s old, at most {most:.2f} s is allowed; is the "
+            "connection alive?"
         )
     if feedback.positions.shape != (13,) or not np.isfinite(feedback.positions).all():
         raise InputError(
@@ -311,8 +312,10 @@ def _check_start(plan: FlatteningPlan, cell: Cell, site: Site, positions: np.nda
         far = np.flatnonzero(np.abs(off) > most)
         moves = ", ".join(f"{cell.robot.axes[i]} by {np.degrees(-off[i]):+.3f} deg" for i in far)
         raise InputError(
-            f"the robot is not at the plan's start: {cell.robot.axes[axis]} is off by {1e3 * worst:.2f} mrad, "
-            f"at most {1e3 * most[axis]:.2f} mrad is allowed; jog the robot there with the pendant: {moves}"
+            f"the robot is not at the plan's start: {cell.robot.axes[axis]} is off by "
+            f"{1e3 * worst:.2f} mrad, "
+            f"at most {1e3 * most[axis]:.2f} mrad is allowed; jog the robot there with the "
+            f"pendant: {moves}"
         )
     return f"within {1e3 * np.abs(off).max():.2f} mrad of the plan's start"
 
@@ -336,7 +339,9 @@ def _check_grippers(site: Site, plan: FlatteningPlan, grippers: GripperState | N
     for side, closed, needed in zip(("right", "left"), grippers.closed, required, strict=True):
         if closed != needed:
             raise InputError(
-                f"the {side} gripper is {'closed' if closed else 'open'}, but the plan starts with it "
-                f"{'closed' if needed else 'open'}; check what it holds, and set it with the pendant's outputs"
+                f"the {side} gripper is {'closed' if closed else 'open'}, but the plan starts with "
+                "it "
+                f"{'closed' if needed else 'open'}; check what it holds, and set it with the "
+                "pendant's outputs"
             )
     return f"{site.grippers.kind}: the grippers answer"

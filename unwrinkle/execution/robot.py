@@ -109,7 +109,8 @@ class Robot:
             result = run_to_the_end(executor, _NoControls(), interrupts)
         if result.outcome != DONE:
             raise HardwareError(
-                f"{result.outcome} after {', '.join(result.finished) or 'no segment'}: {result.reason}; "
+                f"{result.outcome} after {', '.join(result.finished) or 'no segment'}: "
+                f"{result.reason}; "
                 "a new plan from home is needed"
             )
         self._finished.add(self.site.name, plan.content_hash, checked.speed)
@@ -126,7 +127,8 @@ class Robot:
         text = confirm.strip().lower()
         if len(text) < _CONFIRMATION or not plan.content_hash.startswith(text):
             raise InputError(
-                f"the plan is not confirmed: give confirm=... with the first {_CONFIRMATION} characters of "
+                f"the plan is not confirmed: give confirm=... with the first {_CONFIRMATION} "
+                "characters of "
                 f"its hash, {plan.content_hash[:_CONFIRMATION]}; nothing was sent"
             )
 

@@ -239,7 +239,8 @@ class ExecutionSession:
         if len(text) < CONFIRM or not self._plan.content_hash.startswith(text):
             raise InputError(
                 f"'{text[:12]}' does not confirm this plan: its hash begins with "
-                f"{self._plan.content_hash[:CONFIRM]}, and {CONFIRM} characters or more are needed; nothing "
+                f"{self._plan.content_hash[:CONFIRM]}, and {CONFIRM} characters or more are "
+                "needed; nothing "
                 "has moved"
             )
 
@@ -279,7 +280,10 @@ class ExecutionSession:
         if lag <= 0.0:
             return
         latency = self._site.controller.latency
-        text = f"lag     {1e3 * lag:.0f} ms from a command to its feedback; controller.latency is {latency:g} s"
+        text = (
+            f"lag     {1e3 * lag:.0f} ms from a command to its feedback; "
+            f"controller.latency is {latency:g} s"
+        )
         proposed = math.ceil(50.0 * (lag + LATENCY_MARGIN)) / 50.0
         if self._site.commissioning or lag > 0.9 * latency:
             text += f"; set it to {proposed:.2f}"
@@ -291,7 +295,8 @@ class ExecutionSession:
                 self._say(f"{result.outcome}: {result.reason}; the robot is at rest")
                 return interrupts.number
             raise HardwareError(
-                f"{result.outcome} after {', '.join(result.finished) or 'no segment'}: {result.reason}; make a "
+                f"{result.outcome} after {', '.join(result.finished) or 'no segment'}: "
+                f"{result.reason}; make a "
                 "new plan from home"
             )
         self._say(f"done: {', '.join(result.finished)}")

@@ -187,14 +187,18 @@ def draw_plan(meshcat: Any, plan: FlatteningPlan) -> None:
 def _panel(records: RunLogRecords, track: MeasuredTrack, heading: str) -> str:
     header = records.header
     facts = [
-        f"plan {str(header.get('plan_hash', 'unknown'))[:12]} at site {header.get('site', 'unknown')}",
+        (
+            f"plan {str(header.get('plan_hash', 'unknown'))[:12]} at site "
+            f"{header.get('site', 'unknown')}"
+        ),
         f"begun {header.get('begun', '')}",
         "the robot is shown as measured, the grippers as commanded",
     ]
     if records.cut:
         facts.append("the log is incomplete: the program ended without closing it")
     rows = [
-        f"<tr><td style='text-align:right;white-space:nowrap'>{event.time - track.begin:.2f} s</td><td>{escape(event.kind)}</td>"
+        f"<tr><td style='text-align:right;white-space:nowrap'>{event.time - track.begin:.2f} "
+        f"s</td><td>{escape(event.kind)}</td>"
         f"<td>{escape(event.text)}</td></tr>"
         for event in records.events[-_MOST_EVENTS:]
     ]

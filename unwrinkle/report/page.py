@@ -24,18 +24,24 @@ _EVENTS = 400
 #: What was real and what simulated, by the station's form.
 _REAL = {
     "sim": (
-        "The cloth, the robot, its cameras and their noise are simulated; perception, planning, verification and the "
-        "decisions are the same as in a real cell. Coverage and true height are the simulated cloth's own values, which the "
+        "The cloth, the robot, its cameras and their noise are simulated; perception, planning, "
+        "verification and the "
+        "decisions are the same as in a real cell. Coverage and true height are the simulated "
+        "cloth's own values, which the "
         "loop does not use."
     ),
     "loopback": (
-        "The cloth, the robot's bodies, its cameras and their noise are simulated; between them and the loop are the real "
-        "drivers, connected to a virtual controller over TCP and to virtual pan-tilt units over serial lines. Coverage and "
+        "The cloth, the robot's bodies, its cameras and their noise are simulated; between them "
+        "and the loop are the real "
+        "drivers, connected to a virtual controller over TCP and to virtual pan-tilt units over "
+        "serial lines. Coverage and "
         "true height are the simulated cloth's own values, which the loop does not use."
     ),
     "hardware": (
-        "This run used a site's devices. The garment's true height and coverage are unknown; heights are measured by the "
-        "sensor. The commands and the feedback of the controller are in the run's controller-*.jsonl."
+        "This run used a site's devices. The garment's true height and coverage are unknown; "
+        "heights are measured by the "
+        "sensor. The commands and the feedback of the controller are in the run's "
+        "controller-*.jsonl."
     ),
 }
 
@@ -225,8 +231,10 @@ def _details(run: RunFolder) -> str:
         f"{event.time:9.3f} s  {event.state:<12} {event.text}" for event in events[-_EVENTS:]
     )
     return (
-        f"<section><h2>Details</h2><details><summary>versions, machine, figures</summary><table>{listed}</table>"
-        f"</details><details><summary>{len(events)} events</summary><pre>{escape(lines)}</pre></details>"
+        "<section><h2>Details</h2><details><summary>versions, machine, "
+        f"figures</summary><table>{listed}</table>"
+        f"</details><details><summary>{len(events)} "
+        f"events</summary><pre>{escape(lines)}</pre></details>"
         f"<details><summary>scenario</summary><pre>{escape(run.settings.scenario)}</pre></details></section>"
     )
 

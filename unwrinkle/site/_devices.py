@@ -32,8 +32,8 @@ Sleep = Callable[[float], None]
 #: an image.
 _ADVICE = {
     "folder": "put pairs left*.png, right*.png of one size there",
-    "watch": "release both cameras during this check, and check the folder that their program writes to",
-    "opencv": "check cameras.left and cameras.right, and whether another program uses these cameras",
+    "watch": "release both cameras during this check, and check the folder of their program",
+    "opencv": "check cameras.left and cameras.right, and whether other programs use the cameras",
     "gphoto2": "check cameras.left and cameras.right (`gphoto2 --auto-detect`)",
 }
 
@@ -76,7 +76,8 @@ def check_unit(
             ("pan", "tilt"), (status.pan, status.tilt), driver.limits, driver.steps, strict=True
         )
         return f"{device}: " + "; ".join(
-            f"{axis} at {np.degrees(angle):.2f} deg of {np.degrees(lower):.1f} to {np.degrees(upper):.1f}, "
+            f"{axis} at {np.degrees(angle):.2f} deg of {np.degrees(lower):.1f} to "
+            f"{np.degrees(upper):.1f}, "
             f"{step / ARC_SECOND:.2f} seconds of arc per step"
             for axis, angle, (lower, upper), step in axes
         )
@@ -101,7 +102,8 @@ def check_cameras(site: CameraSite, head: StereoHead | None = None) -> str:
         return _depth_camera(site)
     if site.kind == "gphoto2" and find_spec("gphoto2") is None:
         raise HardwareError(
-            "the package gphoto2 is not installed; install it with: pip install 'unwrinkle[gphoto2]'"
+            "the package gphoto2 is not installed; install it with: pip install "
+            "'unwrinkle[gphoto2]'"
         )
     camera = open_cameras(site)
     try:
@@ -118,7 +120,8 @@ def check_cameras(site: CameraSite, head: StereoHead | None = None) -> str:
         pairs = pairs_in(folder, site.left or "left", site.right or "right")
         left, right = (path.name for path in pairs[0])
         return (
-            f"folder {folder}: {len(pairs)} pairs, the next is {left} and {right} of {size}; files do not "
+            f"folder {folder}: {len(pairs)} pairs, the next is {left} and {right} of {size}; files "
+            "do not "
             "state when they were exposed"
         )
     return f"{site.kind}: a pair of {size}, {_times(picture)}, at most {1e3 * site.skew:.0f} ms"
@@ -130,8 +133,10 @@ def _check_size(size: str, width: int, height: int, head: StereoHead | None) -> 
         factor = width / eye.camera.width
         if factor > 1.0 or abs(eye.camera.height * factor - height) > 1.0:
             raise HardwareError(
-                f"the images are of {size}, but the {eye.name} camera is calibrated for {eye.camera.width} x "
-                f"{eye.camera.height} pixels; set the cameras to that size, or calibrate the head again"
+                f"the images are of {size}, but the {eye.name} camera is calibrated for "
+                f"{eye.camera.width} x "
+                f"{eye.camera.height} pixels; set the cameras to that size, or calibrate the head "
+                "again"
             )
 
 
@@ -157,7 +162,8 @@ def _depth_camera(site: CameraSite) -> str:
         camera.close()
     if picture is None or picture.depth is None:
         raise HardwareError(
-            f"no depth frame arrived within {exposure_time(site):g} s; unplug the camera and plug it in again"
+            f"no depth frame arrived within {exposure_time(site):g} s; unplug the camera and plug "
+            "it in again"
             if picture is None
             else picture.reason
         )
@@ -166,7 +172,8 @@ def _depth_camera(site: CameraSite) -> str:
     when = datetime.fromtimestamp(picture.time).strftime("%H:%M:%S.%f")[:-3]
     colour = "without colour" if picture.colour is None else "with colour"
     return (
-        f"openni2: a depth frame of {width} x {height} pixels {colour} at {when}, {known.size / picture.depth.size:.0%} of "
+        f"openni2: a depth frame of {width} x {height} pixels {colour} at {when}, "
+        f"{known.size / picture.depth.size:.0%} of "
         f"it from {known.min():.2f} to {known.max():.2f} m, median {np.median(known):.2f} m"
     )
 
@@ -202,7 +209,8 @@ def check_can_grippers(site: GripperSite, clock: Clock, sleep: Sleep) -> str:
     bus = f"can {site.interface} {site.channel}"
     if None in limbs:
         wrong.append(
-            "check the power supply, the cable, the termination and bit rate of the bus, and grippers.limbs"
+            "check the power supply, the cable, the termination and bit rate of the bus, and "
+            "grippers.limbs"
         )
     if wrong:
         raise HardwareError(f"{bus}: " + "; ".join(wrong))

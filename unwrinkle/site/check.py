@@ -130,7 +130,8 @@ def _motion(site: Site, facts: ControllerFacts | None) -> str:
     c = site.controller
     if facts is None or facts.status is None or facts.status.in_motion not in (0, 1):
         raise HardwareError(
-            f"{c.host}:{c.motion_port} was not tried: it is unknown whether the controller's queues are empty, and "
+            f"{c.host}:{c.motion_port} was not tried: it is unknown whether the controller's "
+            "queues are empty, and "
             "their content would run at the next connection; check the state server first"
         )
     if facts.status.in_motion == 1:
@@ -150,8 +151,10 @@ def _assumptions(site: Site) -> str:
     still = [name for name in GROUPS if name not in c.groups_moved]
     moved = f"moves {', '.join(c.groups_moved)}" + (f", not {', '.join(still)}" if still else "")
     return (
-        f"the firmware {moved}; refuses points above {c.speed_cap:g} of an axis' speed, and starts more than "
-        f"{c.start_pulses:g} pulses off; answers motion within {1e3 * c.latency:.0f} ms (the first run measures "
+        f"the firmware {moved}; refuses points above {c.speed_cap:g} of an axis' speed, and starts "
+        "more than "
+        f"{c.start_pulses:g} pulses off; answers motion within {1e3 * c.latency:.0f} ms (the first "
+        "run measures "
         "this). Taken from the site: it cannot be queried"
     )
 
@@ -172,7 +175,8 @@ def _feedback(site: Site, facts: ControllerFacts) -> str:
     if problem:
         raise HardwareError(problem)
     return (
-        f"{facts.rate:.1f} sets per second of the groups {', '.join(site.controller.groups)}, longest gap "
+        f"{facts.rate:.1f} sets per second of the groups {', '.join(site.controller.groups)}, "
+        "longest gap "
         f"{1e3 * facts.longest_gap:.0f} ms"
     )
 
@@ -187,7 +191,8 @@ def _positions(site: Site, limits: Limits, facts: ControllerFacts) -> str:
     if len(out):
         text = ", ".join(f"axis {i + 1}: {q[i]:.3f} rad" for i in out)
         raise HardwareError(
-            f"outside the robot's limits: {text}; are the values degrees, or is the order of the groups not "
+            f"outside the robot's limits: {text}; are the values degrees, or is the order of the "
+            "groups not "
             f"{', '.join(site.controller.groups)}?"
         )
     return "within limits: " + " ".join(f"{np.degrees(value):.1f}" for value in q) + " deg"
@@ -204,6 +209,7 @@ def _grippers(site: Site, clock: Callable[[], float], sleep: Callable[[float], N
     silent = [address for address, value in values.items() if value is None]
     if silent:
         raise HardwareError(
-            f"the controller refuses the addresses {', '.join(map(str, silent))}; check the addresses under grippers"
+            f"the controller refuses the addresses {', '.join(map(str, silent))}; check the "
+            "addresses under grippers"
         )
     return "digital: " + ", ".join(f"{address} is {value}" for address, value in values.items())

@@ -45,7 +45,8 @@ def check_speed(speed: float, most: float) -> str:
         raise InputError(f"the speed is {speed:g}; give a fraction above 0, up to 1")
     if speed > most:
         raise InputError(
-            f"the speed is {speed:g}, but this plan has not been run to its end at this site; the maximum of the "
+            f"the speed is {speed:g}, but this plan has not been run to its end at this site; the "
+            "maximum of the "
             f"first run is {most:g}: give --speed {most:g} or less"
         )
     return f"{speed:g} of the planned speed"
@@ -59,7 +60,8 @@ def check_tips(site: Site, fastest: float, speed: float) -> str:
     text, most = f"tips at most {speed * fastest:.2f} m/s", most_speed(site, fastest)
     if speed > most:
         raise InputError(
-            f"{text}, under commissioning {COMMISSIONING_TIP_SPEED:g} m/s is allowed; give --speed {most:g} or less"
+            f"{text}, under commissioning {COMMISSIONING_TIP_SPEED:g} m/s is allowed; give --speed "
+            f"{most:g} or less"
         )
     return text
 
@@ -89,8 +91,10 @@ def check_governor(site: Site, plan: FlatteningPlan, cell: Cell, speed: float) -
     if not speed * used[axis] <= cap:
         most = governed_speed(site, plan, cell)
         raise InputError(
-            f"{text}, the controller refuses more than {cap:.0%} (controller.speed_cap) during a motion; give "
-            f"--speed {most:g} or less, or raise the controller's governor (parameter RCnG147) and the site's key"
+            f"{text}, the controller refuses more than {cap:.0%} (controller.speed_cap) during a "
+            "motion; give "
+            f"--speed {most:g} or less, or raise the controller's governor (parameter RCnG147) and "
+            "the site's key"
         )
     return text
 
@@ -140,8 +144,10 @@ def check_margins(verdict: Verdict, cell: Cell, site: Site) -> str:
         required = max(doubled[kind], used[kind])
         if pair.distance < required:
             raise InputError(
-                f"{' and '.join(pair.bodies)} come within {1e3 * pair.distance:.1f} mm at {pair.time:.2f} s, "
-                f"under commissioning {1e3 * required:.0f} mm are required; plan with a scenario of doubled "
+                f"{' and '.join(pair.bodies)} come within {1e3 * pair.distance:.1f} mm at "
+                f"{pair.time:.2f} s, "
+                f"under commissioning {1e3 * required:.0f} mm are required; plan with a scenario "
+                "of doubled "
                 "clearances"
             )
     return f"{text}; doubled clearances are kept"
@@ -178,7 +184,8 @@ def _calibration(site: Site) -> tuple[HeadCalibration, str]:
         return load_calibration(resolve(site.calibration)), Path(site.calibration).name
     if not site.virtual:
         raise InputError(
-            f"site '{site.name}' names no calibration of the head; make one with `unwrinkle calibrate` and "
+            f"site '{site.name}' names no calibration of the head; make one with `unwrinkle "
+            "calibrate` and "
             "name it under calibration"
         )
     return nominal_calibration(), "nominal calibration"
@@ -201,12 +208,14 @@ def check_log(log: Path | None) -> str:
         room = os.statvfs(folder)
     except OSError as error:
         raise InputError(
-            f"{log}: cannot be written ({error.strerror or error}); name a file elsewhere with --log"
+            f"{log}: cannot be written ({error.strerror or error}); name a file elsewhere with "
+            "--log"
         ) from None
     free = room.f_bavail * room.f_frsize
     if free < LEAST_ROOM:
         raise InputError(
-            f"{log}: {free >> 20} MB are free there, at least {LEAST_ROOM >> 20} MB are needed; free disk space, "
+            f"{log}: {free >> 20} MB are free there, at least {LEAST_ROOM >> 20} MB are needed; "
+            "free disk space, "
             "or name a file elsewhere with --log"
         )
     return str(log)

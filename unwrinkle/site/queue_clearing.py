@@ -18,8 +18,10 @@ def clear_confirmed(site: Site, console: Console) -> None:
         HardwareError: see `clear_queue`.
     """
     console.print(
-        "A stop will be sent as the first bytes of a motion connection. The controller may still run one interpolation "
-        "period of the content of its queues: keep clear of the robot, with the emergency stop in reach. HOLD on the "
+        "A stop will be sent as the first bytes of a motion connection. The controller may still "
+        "run one interpolation "
+        "period of the content of its queues: keep clear of the robot, with the emergency stop in "
+        "reach. HOLD on the "
         "pendant does the same without a connection (MotoROS 1.9.12).",
         highlight=False,
         soft_wrap=True,
@@ -30,6 +32,7 @@ def clear_confirmed(site: Site, console: Console) -> None:
         typed = ""
     if typed.strip().lower() != WORD:
         raise InputError(
-            f"the queues were not emptied: '{typed[:12]}' was typed, '{WORD}' confirms it; try again"
+            f"the queues were not emptied: '{typed[:12]}' was typed, '{WORD}' confirms it; try "
+            "again"
         )
     console.print(clear_queue(site.controller).text, highlight=False, soft_wrap=True)

@@ -58,7 +58,8 @@ def start_meshcat(host: str = "localhost", port: int | None = None) -> Any:
         meshcat = Meshcat(params)
     except (RuntimeError, ValueError) as error:
         raise InputError(
-            f"the viewer cannot listen on {host}, port {port or '7000 and up'}: {error}; try another --port"
+            f"the viewer cannot listen on {host}, port {port or '7000 and up'}: {error}; try "
+            "another --port"
         ) from None
     meshcat.SetProperty("/Background/<object>", "top_color", [0.94, 0.96, 0.98])
     meshcat.SetProperty("/Background/<object>", "bottom_color", [0.70, 0.75, 0.80])

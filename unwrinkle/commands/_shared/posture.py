@@ -17,8 +17,8 @@ StartOption = Annotated[
     str | None,
     typer.Option(
         metavar="POSTURE",
-        help="Posture of the robot: a named state (e.g. ext_plus_90), or the angles of all axes in rad, "
-        "turn-table, right arm, left arm, separated by commas or blanks; home if left out.",
+        help="Posture of the robot: a named state (e.g. ext_plus_90), or the angles of all axes in "
+        "rad, turn-table, right arm, left arm, separated by commas or blanks; home if left out.",
     ),
 ]
 
@@ -40,7 +40,8 @@ def posture(text: str, robot: "RobotDescription") -> "NDArray[np.float64]":
         angles = []
     if len(angles) != len(robot.axes) or not all(math.isfinite(angle) for angle in angles):
         raise InputError(
-            f"--start '{text}': give one of {', '.join(robot.named_states)}, or {len(robot.axes)} finite "
+            f"--start '{text}': give one of {', '.join(robot.named_states)}, or {len(robot.axes)} "
+            "finite "
             "angles in rad, separated by commas or blanks"
         )
     return np.array(angles)
