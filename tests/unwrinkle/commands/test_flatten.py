@@ -219,4 +219,4 @@ def test_cameras_that_fail_twice(cameras: dict[int, str], words: str) -> None:
     loop = build_loop(scenario, faults=StationFaults(cameras=cameras))
     ending = FlatteningRun(loop).run()
     assert ending.status == "stopped" and words in ending.reason
-    assert ending.supervisor_state.memory.actions == 0
+    assert ending.supervisor_state.policy_state.actions == 0

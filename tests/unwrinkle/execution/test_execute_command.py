@@ -199,7 +199,7 @@ def test_a_robot_elsewhere_is_not_moved(bench_with: Callable[..., Bench]) -> Non
     code, out, err = bench.go()
     assert code == 4
     assert "FAIL" in out
-    assert "r2::joint_s by 50.00 mrad" in err and "r2::joint_s by -2.865 deg" in err
+    assert "r2::joint_s is off by 50.00 mrad" in err and "r2::joint_s by -2.865 deg" in err
     assert bench.robot.end()["motion"] == 0
     assert bench.records().events[-2].data["passed"] is False
 
@@ -253,7 +253,7 @@ def test_what_a_file_says_is_done(bench_with: Callable[..., Bench]) -> None:
     (bench.folder / "said").write_text("@1 hold\n@3 resume\n@3.3 speed 0.5\n@3.4 speed 7\n")
     code, out, err = bench.go("--speed", "0.3", "--commands", "said")
     assert (err, code) == ("", 0)
-    assert "held by the operator" in out and "refused: speed is 7" in out
+    assert "held by the operator" in out and "refused: the speed is 7" in out
     kinds = [event.kind for event in bench.records().events]
     assert {"hold", "held", "resume", "override"} <= set(kinds)
 
@@ -287,7 +287,7 @@ def test_a_missed_grasp_opens_and_stops(bench_with: Callable[..., Bench]) -> Non
     bench = bench_with(misses=1)
     code, _, err = bench.go("--speed", "0.5")
     assert code == 4
-    assert "the left gripper closed on nothing" in err and "both grippers are open" in err
+    assert "the left gripper closed without cloth" in err and "both grippers are open" in err
     assert bench.robot.end()["outputs"] == {"10010": 1, "10011": 1}
 
 
