@@ -106,7 +106,11 @@ def bad_posture(case: Case) -> None:
     outside = cells.home()
     outside[3] = limits.upper[3] + 0.003
     for name, start, words in (
-        ("outside", outside, (cells.cell().robot.axes[3], "its limit", "jog it back", "deg")),
+        (
+            "outside",
+            outside,
+            (cells.cell().robot.axes[3], "its limit", "jog the robot back", "deg"),
+        ),
         ("colliding", _faults_planning.colliding(case), ("jog", "pendant")),
     ):
         folder = _folder(case, name)

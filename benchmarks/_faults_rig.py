@@ -38,7 +38,7 @@ from unwrinkle.simulation.controllers.controller import (
     VirtualControllerSettings,
 )
 from unwrinkle.simulation.controllers.server import ControllerServer, ServerFault
-from unwrinkle.systems.station.lockstep import MOST_ANSWERS
+from unwrinkle.systems.station.lockstep import MAX_REQUESTS_PER_STEP
 
 #: s between two polls of either side.
 STEP = 0.004
@@ -211,7 +211,7 @@ class Rig:
 
     def _exchange(self) -> None:
         """Poll the driver, and have what it asks answered, request by request."""
-        for _ in range(MOST_ANSWERS):
+        for _ in range(MAX_REQUESTS_PER_STEP):
             self._deliver(self._driver_links(), self._server_links())
             link = self.driver.links.get("motion")
             before = None if link is None else (link.sent, link.closed)

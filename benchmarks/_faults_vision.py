@@ -79,7 +79,7 @@ def drop_out(case: Case) -> None:
     for right in (HeadImage(1, None, seen.gaze, 1.0, "it timed out"), HeadImage(0)):
         found = perceive(left, right)
         case.expect(found.range_map is None, "one eye alone gives no map")
-        case.reads(found.reason, "right camera" if right.number else "nothing was looked at")
+        case.reads(found.reason, "right camera" if right.number else "no look was taken")
 
 
 def out_of_step(case: Case) -> None:
@@ -99,8 +99,8 @@ def out_of_step(case: Case) -> None:
     numbers = perceive(
         HeadImage(2, seen.left, seen.gaze, 1.0), HeadImage(1, seen.right, seen.gaze, 1.0)
     )
-    case.expect(numbers.range_map is None, "answers to different commands give no map")
-    case.reads(numbers.reason, "different commands")
+    case.expect(numbers.range_map is None, "answers to different looks give no map")
+    case.reads(numbers.reason, "different looks")
 
     stamps = perceive(
         HeadImage(1, seen.left, seen.gaze, 1.0), HeadImage(1, seen.right, seen.gaze, 31.0)

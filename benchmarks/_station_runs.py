@@ -29,7 +29,7 @@ from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.initial_states import start_state
 from unwrinkle.systems.diagram import build_flattening_diagram, supervisor_state
 from unwrinkle.systems.station.loopback import LoopbackStation, build_loopback_station
-from unwrinkle.systems.station.motion_log import Motion
+from unwrinkle.systems.station.motion_log import StationMotion
 from unwrinkle.systems.station.simulated import build_sim_station
 from unwrinkle.systems.station.world import SimulatedStation, simulated_cloth
 
@@ -53,7 +53,7 @@ class StationRun:
 
     names: tuple[str, ...]
     spans: tuple[tuple[float, float], ...]
-    motion: Motion
+    motion: StationMotion
     cloth: Array
     holding: bool
 

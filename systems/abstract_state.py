@@ -1,7 +1,8 @@
-"""Access to the abstract states of a leaf system.
+"""Read and set the abstract states of a leaf system.
 
-Drake copies every abstract state of a diagram whenever one of its systems updates its own, hundreds of times a second
-here, and a copy of a Python object is a deep one. So the values derive from `Shared`, whose copies are the value itself.
+Drake deep-copies every abstract state of a diagram whenever one of its systems updates its own
+state, hundreds of times a second here. The values therefore derive from `Shared`, whose deep copy
+is the value itself.
 """
 
 from typing import Any

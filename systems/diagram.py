@@ -1,4 +1,7 @@
-"""The diagram: station, perception, analysis, planner, verification and supervisor, wired from one scenario."""
+"""Build the flattening diagram.
+
+It contains station, perception, analysis, planner, verification and supervisor.
+"""
 
 from dataclasses import dataclass
 
@@ -18,13 +21,18 @@ from unwrinkle.systems.perception.stereo import StereoPerceptionSystem
 from unwrinkle.systems.planning.planner import PlannerSystem
 from unwrinkle.systems.planning.verification import VerificationSystem
 from unwrinkle.systems.station.world import SimulatedStation
-from unwrinkle.systems.supervisor import FlatteningSupervisor
+from unwrinkle.systems.supervisor import FlatteningSupervisorSystem
 
 #: Names of the subsystems.
-STATION, PERCEPTION, ANALYSIS = "station", "perception", "analysis"
-PLANNER, VERIFICATION, SUPERVISOR = "planner", "verification", "supervisor"
+STATION = "station"
+PERCEPTION = "perception"
+ANALYSIS = "analysis"
+PLANNER = "planner"
+VERIFICATION = "verification"
+SUPERVISOR = "supervisor"
 
-#: From which output to which input, but for the pictures: those of the sensor are added.
+#: Connections as (system, output port, system, input port), except for the images, which depend on
+#: the sensor.
 WIRES = (
     (PERCEPTION, "range_map", ANALYSIS, "range_map"),
     (PERCEPTION, "exposed", SUPERVISOR, "exposed"),
@@ -43,7 +51,8 @@ WIRES = (
     (SUPERVISOR, "head.command", STATION, "head.command"),
     (SUPERVISOR, "speed_override", STATION, "speed_override"),
 )
-PICTURES = {
+#: Connections of the images, by the scenario's sensor.
+IMAGE_WIRES = {
     "stereo": (
         (STATION, "head.left_image", PERCEPTION, "left_image"),
         (STATION, "head.right_image", PERCEPTION, "right_image"),
@@ -58,7 +67,7 @@ PICTURES = {
 
 @dataclass(frozen=True)
 class Link:
-    """A connection of a diagram: from an output port to an input port."""
+    """One connection of a diagram, from an output port to an input port."""
 
     source: str
     output: str
@@ -77,29 +86,29 @@ def build_flattening_diagram(
     approve: Approve | None = None,
     seed: int = 0,
 ) -> Diagram:
-    """Wire the loop around a station.
+    """Build the closed loop around a station.
 
     Args:
-        cell: the robot in its cell; its scenario names the sensor and the rules of the loop.
-        station: any system with the ports of `ports`.
-        head: as calibrated; what perception believes.
-        settings: of the supervisor.
-        planner: settings of the planner.
-        policy_state: of a resumed run.
-        approve: asks the operator about each verified plan; None approves.
-        seed: of perception's random choices.
+        cell: robot and cell; its scenario selects the sensor and the rules of the loop.
+        station: system with the ports named in `WIRES`, in any of its three forms.
+        head: calibrated stereo head, as perception uses it.
+        settings: settings of the supervisor; the defaults if left out.
+        planner: settings of the planner; the defaults if left out.
+        policy_state: state of the policy of a resumed run.
+        approve: callback that asks the operator about each verified plan; None approves every plan.
+        seed: seed of perception's random numbers.
 
     Raises:
-        InputError: the sensor looks at the truth, and the station is not simulated.
+        InputError: the sensor is `truth`, and the station is not simulated.
 
     Returns:
-        A diagram with the input `interrupt`, vector (1,), which may be left unconnected. Its subsystems have the names
-        above.
+        Diagram with the input `interrupt`, vector (1,), which may be left unconnected, and
+        subsystems of the names above.
     """
     builder = DiagramBuilder()
     kind = cell.scenario.sensor.kind
     perception = _perception(cell, station, head, seed)
-    supervisor = FlatteningSupervisor(
+    supervisor = FlatteningSupervisorSystem(
         cell, head, settings=settings, policy_state=policy_state, approve=approve
     )
     systems = {
@@ -113,7 +122,7 @@ def build_flattening_diagram(
     for name, system in systems.items():
         system.set_name(name)
         builder.AddSystem(system)
-    for source, output, target, input_port in (*WIRES, *PICTURES[kind]):
+    for source, output, target, input_port in (*WIRES, *IMAGE_WIRES[kind]):
         builder.Connect(
             systems[source].GetOutputPort(output), systems[target].GetInputPort(input_port)
         )
@@ -136,14 +145,14 @@ def _perception(cell: Cell, station: Diagram, head: StereoHead, seed: int) -> Le
 
 
 def supervisor_state(diagram: Diagram, context: Context) -> SupervisorState:
-    """What the supervisor of a diagram knows, does and remembers; `context` is the diagram's."""
+    """Return the state of a diagram's supervisor; `context` is that of the diagram."""
     supervisor = diagram.GetSubsystemByName(SUPERVISOR)
-    assert isinstance(supervisor, FlatteningSupervisor)
+    assert isinstance(supervisor, FlatteningSupervisorSystem)
     return supervisor.supervisor_state(supervisor.GetMyContextFromRoot(context))
 
 
 def links(diagram: Diagram) -> tuple[Link, ...]:
-    """The connections of a diagram as it was built, in order of the receiving systems and ports."""
+    """Return the connections of a diagram, in order of the receiving systems and ports."""
     systems = diagram.GetSystems()
     order = {system: index for index, system in enumerate(systems)}
     found = [

@@ -1,4 +1,4 @@
-"""The loop's diagram as a figure, drawn from its connections."""
+"""Draw the flattening diagram from its connections."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from unwrinkle.systems.diagram import (
 
 @dataclass(frozen=True)
 class _Box:
-    """A system's place in the figure, in the figure's own units."""
+    """Place and look of one system in the figure; lengths in units of the figure."""
 
     left: float
     bottom: float
@@ -38,7 +38,7 @@ class _Box:
         return self.bottom + self.height
 
 
-_LAZY = "computed when asked for, once per question"
+_LAZY = "evaluated on demand, once per input"
 _BOXES = {
     PERCEPTION: _Box(0.0, 6.0, 2.2, 1.1, "#cfe3f7", "stereo, or depth camera"),
     ANALYSIS: _Box(3.6, 6.0, 2.2, 1.1, "#cfe3f7", "wrinkles, largest first"),
@@ -49,18 +49,20 @@ _BOXES = {
     ),
     STATION: _Box(0.0, -0.4, 13.0, 1.1, "#e4e0ee", "sim, loopback or hardware: the same ports"),
 }
-_EDGE = 0.35  # of a box that no arrow touches
+#: Margin at each end of a box that no arrow touches, units of the figure.
+_EDGE = 0.35
 
 
 def draw_diagram(links: Sequence[Link], path: str | Path) -> None:
-    """Draw systems and connections.
+    """Draw systems and connections to a file.
 
     Args:
-        links: of the diagram that `build_flattening_diagram` builds; see `flattening_diagram.links`.
-        path: of the figure; an SVG keeps its words as text.
+        links: connections of the diagram that `build_flattening_diagram` builds; see
+            `diagram.links`.
+        path: file to write; text in an SVG stays text.
 
     Raises:
-        InputError: it cannot be written there.
+        InputError: the file cannot be written.
     """
     import matplotlib
     from matplotlib.figure import Figure
@@ -81,7 +83,7 @@ def draw_diagram(links: Sequence[Link], path: str | Path) -> None:
         _draw_links(axes, pair, group)
     style = matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "unwrinkle"})
     with atomic_path(path) as temporary, style:
-        # Without a date the same diagram gives the same file.
+        # Without a date the file is reproducible.
         kept = {"Date": None} if temporary.suffix == ".svg" else {}
         figure.savefig(temporary, dpi=110, metadata=kept)
 
@@ -105,7 +107,7 @@ def _draw_box(axes: Any, name: str, box: _Box) -> None:
 
 
 def _draw_links(axes: Any, pair: frozenset[str], group: list[Link]) -> None:
-    """Draw what connects two systems side by side, spread over the edge that they share."""
+    """Draw the connections of two systems side by side, spread over the edge that both share."""
     first, second = (_BOXES[name] for name in sorted(pair, key=lambda name: _BOXES[name].bottom))
     if first.bottom == second.bottom:
         for link in group:

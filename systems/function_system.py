@@ -1,4 +1,4 @@
-"""A pure function as a Drake system, computed on demand and once per input."""
+"""Drake system that evaluates a pure function on demand, once per input."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -10,11 +10,12 @@ from unwrinkle.models.shared import Shared
 
 
 class FunctionSystem(LeafSystem):
-    """One abstract output that is a pure function of the abstract inputs.
+    """System with one abstract output that is a pure function of its abstract inputs.
 
-    The output is computed when it is evaluated, and only if an input is another object than at the last evaluation.
-    Drake's own cache does not suffice: it is invalidated whenever the state of the system that an input comes from is
-    updated, at every feedback period, even if the value stays the same; seconds of stereo matching would be lost.
+    The output is computed when it is evaluated, and only if an input is another object than at the
+    last evaluation. Drake's own cache does not suffice: it is invalidated whenever the system that
+    feeds an input updates its state, in every feedback period, even if the value stays the same.
+    Seconds of stereo matching would be repeated.
     """
 
     def __init__(
@@ -28,10 +29,11 @@ class FunctionSystem(LeafSystem):
         """Declare the ports.
 
         Args:
-            inputs: names in order, each with an example of its value.
-            output: name, with an example of its value.
-            function: of the inputs' values, in order.
-            depends_on: number of inputs, from the first, whose change makes a new output; all if left out.
+            inputs: Names of the input ports in order, each with an example of its value.
+            output: Name of the output port, with an example of its value.
+            function: Function of the inputs' values, in order.
+            depends_on: Number of inputs, counted from the first, that trigger a new evaluation; all
+                if left out.
         """
         super().__init__()
         self._function = function

@@ -1,4 +1,4 @@
-"""The one system with a state machine: everything else answers, and only when it is asked."""
+"""Supervisor of the closed loop: the only system of the diagram with a state machine."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,8 +25,8 @@ from unwrinkle.perception.gaze.vergence import quantised
 from unwrinkle.perception.stereo.head import Gaze, StereoHead
 from unwrinkle.planning.trajectory import AXES
 
-#: Abstract inputs, by name, with an example of what they carry.
-_ANSWERS: dict[str, Callable[[], Any]] = {
+#: Abstract inputs by name, each with a factory of an example value.
+_ABSTRACT_INPUTS: dict[str, Callable[[], Any]] = {
     "range_map": Perceived,
     "analysis": Analysed,
     "plan": Planned,
@@ -34,8 +34,8 @@ _ANSWERS: dict[str, Callable[[], Any]] = {
     "controller.status": ControllerStatus,
     "gripper.status": GripperStatus,
 }
-#: Vector inputs, by name, with their size.
-_VECTORS = {
+#: Sizes of the vector inputs by name.
+_VECTOR_INPUTS = {
     "joints.position_measured": AXES,
     "joints.velocity_measured": AXES,
     "exposed": 1,
@@ -43,19 +43,21 @@ _VECTORS = {
 }
 
 
-class FlatteningSupervisor(LeafSystem):
-    """Runs the loop: looks, has the wrinkles found and a motion planned and verified, carries it out, looks again.
+class FlatteningSupervisorSystem(LeafSystem):
+    """Run the closed loop: look, perceive, plan, verify, execute, and look again.
 
-    Inputs: `range_map`, `analysis`, `plan`, `verdict` (see `results`), `exposed` (number of the last exposure),
-    `joints.position_measured`, `joints.velocity_measured`, `controller.status`, `gripper.status` (see `ports`), and
-    `interrupt`, vector (1,): above one half, what moves is held and the run ends; it may be left unconnected. An input is
-    evaluated only in the state that needs it: since all answers are worked out on demand, nothing is computed otherwise.
+    Inputs: `range_map`, `analysis`, `plan`, `verdict` (see `flattening.messages`), `exposed`
+    (number of the last exposure), `joints.position_measured`, `joints.velocity_measured`,
+    `controller.status`, `gripper.status` (see `flattening.station_messages`), and `interrupt`,
+    vector (1,): a value above 0.5 holds the motion and ends the run; it may be left unconnected. An
+    input is evaluated only in the state that needs it, so that nothing else is computed.
 
-    Outputs: `trajectory`, `gripper.command`, `head.command`, `speed_override`, `request` (`PlanRequest`), and `state`
-    (`SupervisorState`) for recorders. They depend on the state alone, which changes once per feedback period.
+    Outputs: `trajectory`, `gripper.command`, `head.command`, `speed_override`, `request`
+    (`PlanRequest`), and `state` (`SupervisorState`) for recorders. They depend on the state alone,
+    which changes once per feedback period.
 
-    A trajectory is sent only if its plan has a passing verdict for the same content hash, and from where the robot rests.
-    Faults latch: the state machine has no way out of `fault`.
+    A trajectory is sent only if its plan has a passing verdict with the same content hash, and
+    starts where the robot rests. Faults latch: the state machine cannot leave `fault`.
     """
 
     def __init__(
@@ -70,11 +72,13 @@ class FlatteningSupervisor(LeafSystem):
         """Declare the ports.
 
         Args:
-            cell: its scenario gives the policy's rules, the feedback period, and where the garment is expected.
-            head: whose gaze is commanded.
-            settings: deadlines and tolerances.
-            policy_state: of a resumed run; its looks are counted on.
-            approve: asks the operator about each verified plan; None approves.
+            cell: Robot and cell; its scenario holds the policy's rules, the feedback period and the
+                garment's place.
+            head: Stereo head that is commanded.
+            settings: Deadlines and tolerances; the defaults if left out.
+            policy_state: State of the policy of a resumed run, with the number of its looks.
+            approve: Callback that asks the operator about each verified plan; None approves every
+                plan.
         """
         super().__init__()
         settings = settings or SupervisorSettings()
@@ -94,9 +98,9 @@ class FlatteningSupervisor(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(
             scenario.station.feedback_period, 0.0, self._update
         )
-        for name, example in _ANSWERS.items():
+        for name, example in _ABSTRACT_INPUTS.items():
             self.DeclareAbstractInputPort(name, AbstractValue.Make(example()))
-        for name, size in _VECTORS.items():
+        for name, size in _VECTOR_INPUTS.items():
             self.DeclareVectorInputPort(name, size)
         ticket = {self.abstract_state_ticket(self._state)}
         outputs: dict[str, tuple[Any, Callable[[SupervisorState], Any]]] = {
@@ -113,12 +117,12 @@ class FlatteningSupervisor(LeafSystem):
         self.DeclareVectorOutputPort("speed_override", 1, self._speed_override, ticket)
 
     def supervisor_state(self, context: Context) -> SupervisorState:
-        """The state, of this system's own context."""
+        """Return the supervisor's state; `context` is that of this system."""
         found: SupervisorState = context.get_abstract_state(self._state).get_value()
         return found
 
     def _head_command(self, now: SupervisorState) -> HeadCommand:
-        """No command before the first look, also where looks of an earlier run were counted."""
+        """Return the head's command; number 0 before the first look, also in a resumed run."""
         return now.head if now.head.number > self._first_look else replace(now.head, number=0)
 
     def _reader(
@@ -140,7 +144,7 @@ class FlatteningSupervisor(LeafSystem):
 
 
 class _Ports:
-    """The feedback at the ports, evaluated where it is asked for."""
+    """Feedback at the supervisor's input ports, evaluated on demand."""
 
     def __init__(self, system: LeafSystem, context: Context) -> None:
         self._system, self._context = system, context

@@ -7,7 +7,7 @@
     seen = flattener.observe(uw.load_capture("depth.png", camera="xtion-pro-live"))
     proposal = flattener.propose(seen)
 
-The names of this package, and of its subpackages, are imported when they are first used.
+The names of this package and of its subpackages are imported on first use.
 """
 
 from importlib.metadata import version

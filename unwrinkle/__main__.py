@@ -1,4 +1,4 @@
-"""``python -m unwrinkle`` is the command ``unwrinkle``."""
+"""Run the command line as ``python -m unwrinkle``."""
 
 from unwrinkle.cli import main
 

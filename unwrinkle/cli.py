@@ -1,4 +1,4 @@
-"""The command line: registers the sub-commands, sets up logging, turns errors into exit codes."""
+"""Command line: register the sub-commands, set up logging, convert errors into exit codes."""
 
 import importlib
 import logging
@@ -13,8 +13,10 @@ from unwrinkle.models.errors import UnwrinkleError
 
 app = typer.Typer(
     name="unwrinkle",
-    help="Flatten a garment with two arms: find its wrinkles, plan the motion, verify it.",
-    epilog="Exit codes: 0 done, 1 internal error, 2 bad input or usage, 3 no verified plan, 4 a device failed.",
+    help="Flatten a garment with two arms: find its wrinkles, plan a motion, "
+    "verify it against the model of the cell.",
+    epilog="Exit codes: 0 done, 1 internal error, 2 bad input or usage, "
+    "3 no verified plan, 4 a device failed.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -31,7 +33,8 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def _options(
     verbose: Annotated[
-        int, typer.Option("--verbose", "-v", count=True, help="Log what happens; twice for more.")
+        int,
+        typer.Option("--verbose", "-v", count=True, help="Log progress; twice for debug messages."),
     ] = 0,
     version: Annotated[
         bool,
@@ -42,12 +45,12 @@ def _options(
 ) -> None:
     level = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
     handler = logging.StreamHandler()
-    handler.setLevel(level)  # pydrake sets its logger's level back to INFO when it is imported
+    handler.setLevel(level)  # pydrake resets its logger's level to INFO on import
     logging.basicConfig(
         level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s", handlers=[handler]
     )
     logging.getLogger("unwrinkle").setLevel(level)
-    logging.getLogger("drake").setLevel(max(level, logging.INFO))  # see `scene.start_meshcat`
+    logging.getLogger("drake").setLevel(max(level, logging.INFO))  # DEBUG can deadlock Meshcat
 
 
 for _module in pkgutil.iter_modules(commands.__path__):
@@ -62,7 +65,7 @@ for _module in pkgutil.iter_modules(commands.__path__):
 
 
 def main() -> None:
-    """Run the command line; bad input and impossible plans end in one line on stderr."""
+    """Run the command line; errors raised on purpose become one line on stderr and an exit code."""
     try:
         app(prog_name="unwrinkle")
     except UnwrinkleError as error:

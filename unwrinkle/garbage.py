@@ -1,4 +1,4 @@
-"""When garbage is collected while a robot moves: never."""
+"""Disable Python's garbage collector during motion."""
 
 import gc
 from collections.abc import Iterator
@@ -6,11 +6,12 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def collected_at_rest() -> Iterator[None]:
-    """Collect garbage only where `gc.collect` is called, in the main thread.
+def gc_disabled() -> Iterator[None]:
+    """Collect garbage once, then disable the collector while the block runs.
 
-    The collector runs in whichever thread happens to need memory, stops all of them meanwhile, and Drake's renderers and
-    Meshcats must not be destroyed by another thread than the one that made them.
+    The collector runs in the thread whose allocation triggers it and stops all threads meanwhile;
+    and Drake's renderers and Meshcat instances must be destroyed by the thread that created them.
+    The main thread may call `gc.collect` at rest.
     """
     enabled = gc.isenabled()
     gc.collect()

@@ -1,4 +1,4 @@
-"""Analysis as a system: the range map to the observation that the policy decides on."""
+"""Drake system of the analysis: a range map in, the policy's observation out."""
 
 import logging
 import time
@@ -13,10 +13,10 @@ _log = logging.getLogger(__name__)
 
 
 class AnalysisSystem(FunctionSystem):
-    """Finds the wrinkles. Input: `range_map` (`Perceived`); output: `analysis` (`Analysed`)."""
+    """Find the wrinkles. Input: `range_map` (`Perceived`); output: `analysis` (`Analysed`)."""
 
     def __init__(self, cell: Cell) -> None:
-        """Keep the cell, whose scenario has the table and the rules."""
+        """Keep the cell, whose scenario holds the table and the rules."""
         super().__init__({"range_map": Perceived()}, ("analysis", Analysed()), self._analyse)
         self._cell = cell
 

@@ -1,4 +1,4 @@
-"""What every perception system shares: a look's pictures in, its number and its range map out."""
+"""Base of the perception systems: images of a look in, its number and its range map out."""
 
 import logging
 import time
@@ -18,9 +18,10 @@ _log = logging.getLogger(__name__)
 
 
 class PerceptionSystem(FunctionSystem):
-    """Range map of the last look, computed on demand.
+    """System that computes the range map of the last look on demand.
 
-    Outputs: `range_map` (`Perceived`); `exposed`, vector (1,), number of the last look that all pictures answer, cheap.
+    Outputs: `range_map` (`Perceived`); `exposed`, vector (1,), number of the last look for which
+    all images have arrived (cheap to evaluate).
     """
 
     def __init__(
@@ -29,9 +30,9 @@ class PerceptionSystem(FunctionSystem):
         """Declare the ports.
 
         Args:
-            inputs: pictures first, each with an example of its value.
-            unseen: least height of a garment that the sensor can tell from the table, m.
-            depends_on: number of inputs that are pictures; all if left out.
+            inputs: Names of the input ports, images first, each with an example of its value.
+            unseen: Lowest garment that the sensor can distinguish from the table, m.
+            depends_on: Number of inputs that are images; all if left out.
         """
         super().__init__(inputs, ("range_map", Perceived()), self._perceived, depends_on=depends_on)
         self._unseen = unseen
@@ -43,11 +44,12 @@ class PerceptionSystem(FunctionSystem):
         """Compute the range map of a look.
 
         Raises:
-            InputError: a picture is missing, or shows no garment.
+            NoGarmentError: The table is bare.
+            InputError: An image is missing, or cannot be used.
         """
 
     def unseen(self, *inputs: Any) -> float:
-        """Return the least height of a garment that the sensor can tell from the table, m."""
+        """Return the height of the lowest garment that the sensor detects on the table, m."""
         return self._unseen
 
     def _exposed(self, context: Context, output: BasicVector) -> None:
@@ -59,7 +61,7 @@ class PerceptionSystem(FunctionSystem):
     def _perceived(self, *inputs: Any) -> Perceived:
         number = self._number(*inputs)
         if number == 0:
-            return Perceived(reason="nothing was looked at yet")
+            return Perceived(reason="no look was taken yet")
         clock = time.perf_counter()
         try:
             found = self.range_map(number, *inputs)

@@ -1,4 +1,7 @@
-"""True perception as a system: the simulated cloth's own surface with the stereo head's noise, for long studies."""
+"""Drake system of ideal perception.
+
+Its range map is the simulated cloth's own surface with the stereo head's noise, for long studies.
+"""
 
 import numpy as np
 
@@ -12,25 +15,30 @@ from unwrinkle.systems.perception.true_range_map import true_range_map
 
 
 class TruePerceptionSystem(PerceptionSystem):
-    """The range map that a perfect view from above would give of the cloth; simulation alone has it.
+    """Compute the range map of an unobstructed view from above; available in simulation only.
 
-    Inputs: `image` (`DepthImage`), which says when a look was taken and whether it failed; `cloth` (`ClothState`), as it
-    lay at the exposure: the map does not change while the arms move the cloth.
+    Inputs: `image` (`DepthImage`), the number of the look and whether its exposure failed; `cloth`
+    (`ClothState`), the cloth at the exposure: the map does not change while the arms move the
+    cloth.
     """
 
     def __init__(self, cloth: Cloth, state: ClothState, *, seed: int = 0) -> None:
-        """Observe a cloth.
+        """Keep the solver of the cloth.
 
         Args:
-            cloth: its solver.
-            state: any of it, for the port's type.
-            seed: of the noise; every look has its own.
+            cloth: solver of the cloth.
+            state: any state of it, for the type of the port.
+            seed: seed of the noise; each look has its own noise.
         """
         super().__init__({"image": DepthImage(), "cloth": state}, unseen=UNSEEN, depends_on=1)
         self._solver, self._seed = cloth, seed
 
     def range_map(self, number: int, image: DepthImage, cloth: ClothState) -> RangeMap:
-        """Sample the cloth's surface."""
+        """Sample the cloth's surface.
+
+        Raises:
+            InputError: the exposure failed.
+        """
         if image.reason:
             raise InputError(f"look {number}: {image.reason}")
         seeds = np.random.SeedSequence([self._seed, number])

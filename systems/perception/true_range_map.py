@@ -1,9 +1,10 @@
-"""What the stereo head would give of a simulated cloth, made from the true shape instead of rendered pictures.
+"""Compute a range map with the stereo head's noise from the true shape of a simulated cloth.
 
-Rendering and matching one look takes half a minute; boards that look thousands of times at the cloth use this in
-its place. Modelled: the sensor's resolution and its noise, as large and as smooth as the profile states. Not
-modelled: the shadows behind folds, what the matcher bridges, steps rounded by its windows, errors of
-segmentation, calibration and of the head's angles. The map is valid wherever the camera could look straight down.
+Rendering and matching one look takes half a minute; studies of thousands of looks use this instead.
+Modelled: the sensor's resolution, and noise of the size and smoothness of its profile. Not
+modelled: occlusion behind folds, hole filling of the matcher, steps rounded by its windows, errors
+of segmentation, of calibration and of the head's angles. The map is valid wherever a camera
+straight above has a view.
 """
 
 import cv2
@@ -16,10 +17,13 @@ from unwrinkle.perception.sensor import noise_profile
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.measures import height_map
 
-MARGIN = 0.05  # m: of table around the cloth
+#: Margin of table around the cloth, m.
+MARGIN = 0.05
+#: Sensors whose noise this module models.
 SENSORS = ("stereo", "stereo-head")
-# A Gaussian blur of 2 mm leaves noise that is alike over about 4 mm (models/data/sensors/stereo-head.yaml).
-NOISE_BLUR = 0.002  # m
+#: Standard deviation of the Gaussian blur, m: its noise correlates over about 4 mm, as in
+#: models/data/sensors/stereo-head.yaml.
+NOISE_BLUR = 0.002
 
 
 def true_range_map(
@@ -28,24 +32,28 @@ def true_range_map(
     """Return the cloth's upper surface and the table around it, with a stereo sensor's noise.
 
     Args:
-        cloth: the cloth.
-        state: how it lies.
-        seed: of this look's noise, 0 or more.
-        sensor: the noise profile, "stereo-head" or "stereo".
+        cloth: solver of the cloth.
+        state: state of the cloth.
+        seed: seed of this look's noise, 0 or more.
+        sensor: noise profile, "stereo-head" or "stereo".
 
     Returns:
-        The map in W, with a margin of table; cells beside the table where no cloth is are not valid.
+        Range map in W with a margin of table; cells that have neither cloth nor table are not
+        valid.
 
     Raises:
-        InputError: a sensor whose noise is of another kind (a depth camera's bands and steps), or a bad seed.
+        InputError: the sensor's noise is of another kind (bands and steps of a depth camera), or
+            the seed is bad.
     """
     if sensor not in SENSORS:
         raise InputError(
-            f"range map of the truth: noise of sensor {sensor!r} is not modelled; "
-            f"give one of {', '.join(SENSORS)}, or render what the depth camera sees"
+            f"range map of the true cloth: the noise of sensor {sensor!r} is not modelled; "
+            f"give one of {', '.join(SENSORS)}, or render the depth camera's image"
         )
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise InputError(f"range map of the truth: seed {seed!r}; give a whole number, 0 or more")
+        raise InputError(
+            f"range map of the true cloth: seed {seed!r}; give a whole number, 0 or more"
+        )
     profile = noise_profile(sensor)
     above_flat, first = height_map(cloth, state, profile.resolution)
     cells = round(MARGIN / profile.resolution)
@@ -68,10 +76,11 @@ def true_range_map(
 
 
 def _noise(shape: tuple[int, ...], blur: float, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Gaussian noise (ny, nx) of standard deviation 1 that is smooth over `blur` cells."""
+    """Return Gaussian noise (ny, nx) of standard deviation 1, smooth over `blur` cells."""
     white = rng.standard_normal(shape)
     smooth = np.asarray(cv2.GaussianBlur(white, (0, 0), blur, borderType=cv2.BORDER_REFLECT))
-    # The kernel's weights add up to 1; a normal one of sigma s keeps 1 / (2 s sqrt(pi)) of the deviation.
+    # The kernel's weights add up to 1; a normal one of sigma s keeps 1 / (2 s sqrt(pi)) of the
+    # deviation.
     result: NDArray[np.float64] = smooth * (2.0 * blur * np.sqrt(np.pi))
     return result
 

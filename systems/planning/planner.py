@@ -1,4 +1,4 @@
-"""The planner as a system: a request to a verified plan."""
+"""Drake system of the planner: a request in, a verified plan out."""
 
 import time
 
@@ -12,16 +12,16 @@ from unwrinkle.systems.function_system import FunctionSystem
 
 
 class PlannerSystem(FunctionSystem):
-    """Plans for a target, and offers only plans that pass the verification.
+    """Plan for a target; only plans that pass the verification are returned.
 
     Input: `request` (`PlanRequest`); output: `plan` (`Planned`).
     """
 
     def __init__(self, cell: Cell, settings: PlannerSettings | None = None) -> None:
-        """Build the planner's models of the cell (about a second)."""
+        """Build the planner's models of the cell (about 1 s)."""
         super().__init__({"request": PlanRequest()}, ("plan", Planned()), self._plan)
         self._flattener = Flattener(cell, settings=settings)
-        _ = self._flattener.planner  # built now, not in the first look
+        _ = self._flattener.planner  # built here, not during the first look
 
     def _plan(self, request: PlanRequest) -> Planned:
         if request.number == 0:

@@ -1,4 +1,4 @@
-"""The verification as a system: a plan to its verdict."""
+"""Drake system of the verification: a plan in, its verdict out."""
 
 import time
 
@@ -10,10 +10,13 @@ from unwrinkle.systems.function_system import FunctionSystem
 
 
 class VerificationSystem(FunctionSystem):
-    """Verifies a plan from where the robot stands. Input: `plan` (`Planned`); output: `verdict` (`Verified`)."""
+    """Verify a plan from the robot's posture.
+
+    Input: `plan` (`Planned`); output: `verdict` (`Verified`).
+    """
 
     def __init__(self, cell: Cell) -> None:
-        """Keep the cell that plans are verified in."""
+        """Keep the cell in which plans are verified."""
         super().__init__({"plan": Planned()}, ("verdict", Verified()), self._verify)
         self._cell = cell
 

@@ -1,4 +1,7 @@
-"""The arms' controller as a system: the trajectory player at the plant's period, status at its own."""
+"""Drake system of the arms' controller.
+
+The trajectory player runs at the plant's period, the status is updated at the feedback period.
+"""
 
 import numpy as np
 from pydrake.common.value import Value
@@ -16,13 +19,13 @@ from unwrinkle.simulation.arms.trajectory_player import (
 from unwrinkle.systems.abstract_state import set_state_value, state_value
 
 
-class ArmController(LeafSystem):
-    """Runs trajectories on the thirteen axes.
+class ArmControllerSystem(LeafSystem):
+    """Run trajectories on the axes.
 
-    Inputs: `trajectory`, `speed_override` (1,; one if left open), `position` and `velocity` (13,).
-    Outputs: `status`, renewed at the feedback period; `desired` (26,) for the servos, in the order
-    of `connect_servos`; `reference` (14,): the axes' reference and the number of the trajectory
-    that runs, 0 at rest.
+    Inputs: `trajectory`, `speed_override` (1,; 1 if left unconnected), `position` and `velocity`
+    (13,). Outputs: `status`, updated at the feedback period; `desired` (26,) for the servos, in the
+    order of `connect_servos`; `reference` (14,): reference positions of the axes and the number of
+    the running trajectory, 0 at rest.
     """
 
     def __init__(
@@ -34,10 +37,14 @@ class ArmController(LeafSystem):
         feedback_period: float,
         settings: PlayerSettings | None = None,
     ) -> None:
-        """Begin at rest at a start (13,), rad; periods in s."""
+        """Start at rest at `start` (13,), rad.
+
+        `step` and `feedback_period` are the two update periods, s.
+        """
         super().__init__()
         self.set_name("controller")
-        # A plan may be for any speed up to the catalogue's; those are what the controller refuses.
+        # A plan may be made for any speed up to the catalogue's: the controller refuses only more
+        # than that.
         catalogue = cell.with_speed(1.0).limits
         limits = PlayerLimits(
             catalogue.lower, catalogue.upper, catalogue.velocity, catalogue.acceleration
@@ -63,7 +70,7 @@ class ArmController(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(feedback_period, 0.0, self._report)
 
     def player_state(self, context: Context) -> PlayerState:
-        """What the player knows; `context` is this system's."""
+        """Return the player's state; `context` is that of this system."""
         state: PlayerState = state_value(context, self._state)
         return state
 
@@ -95,10 +102,10 @@ class ArmController(LeafSystem):
         set_state_value(state, self._status, status)
 
     def _desired(self, context: Context, output: BasicVector) -> None:
-        # The servos take one step of the plant to get there.
+        # The servos reach the reference one step of the plant later.
         q, v = self._player.reference(self.player_state(context), self._step)
-        wanted = (q[:1], v[:1], q[1:7], v[1:7], q[7:], v[7:])
-        output.SetFromVector(np.concatenate(wanted))
+        desired = (q[:1], v[:1], q[1:7], v[1:7], q[7:], v[7:])
+        output.SetFromVector(np.concatenate(desired))
 
     def _reference(self, context: Context, output: BasicVector) -> None:
         now = self.player_state(context)

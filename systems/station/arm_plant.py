@@ -1,7 +1,8 @@
-"""The robot's bodies and motors: a discrete plant with stiff servos at every joint.
+"""Bodies and motors of the robot as a discrete plant with a stiff servo at every joint.
 
-There is no contact and next to no gravity in it: the fingers' play with the cloth is the cloth
-system's affair, plans are verified against collision, and the servos of the real robot carry its weight.
+The plant has no contact and almost no gravity: the interaction of fingers and cloth is computed by
+the cloth system, plans are verified free of collision, and the servos of the real robot carry its
+weight.
 """
 
 from dataclasses import dataclass
@@ -17,30 +18,30 @@ from pydrake.systems.primitives import Demultiplexer, MatrixGain
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell, add_cell, position_indices, scoped
 
-#: Natural frequency of every servo, Hz: as stiff as the plant's steps allow, critically damped.
+#: Natural frequency of every servo, Hz: as stiff as the plant's step allows, critically damped.
 SERVO_FREQUENCY = 60.0
-# ASSUMED, since no data sheet states them: the rotor's inertia (kg m^2) with the gear ratio of the
-# large axes (turn-table, S, L, U) and of the wrist; what the small drives can push (N, N m).
-_ROTOR_INERTIA = 2e-4
-_LARGE_GEAR, _WRIST_GEAR = 120.0, 80.0
+# ASSUMED, since no data sheet states them:
+_ROTOR_INERTIA = 2e-4  # kg m^2
+_LARGE_GEAR = 120.0  # gear ratio of the turn-table and of the axes S, L, U
+_WRIST_GEAR = 80.0  # gear ratio of the wrist axes
 _LARGE_AXES = (0, 1, 2, 3, 7, 8, 9)
-_GRIPPER_FORCE = 60.0
-_HEAD_TORQUE = 10.0
-# The gripper's and the head's drives hold at least this inertia (kg, kg m^2): gears and motor.
+_GRIPPER_FORCE = 60.0  # N
+_HEAD_TORQUE = 10.0  # N m
+#: Smallest inertia at a drive, kg or kg m^2: gears and motors of the gripper and the head.
 _LEAST_INERTIA = 0.02
-# The servos carry the weight but for 1 % of it, m/s^2. With none at all the contact solver has no
-# scale at rest: its impulses vanish, and it reports that it does not converge.
-_WEIGHT_LEFT = 0.0981
+#: Residual gravity, m/s^2: the servos carry 99 % of the weight. With no gravity at all the contact
+#: solver has no scale at rest: its impulses vanish, and it reports that it does not converge.
+_RESIDUAL_GRAVITY = 0.0981
 
 
 @dataclass(frozen=True, eq=False)
 class ArmPlant:
-    """A finalized plant and where its numbers stand.
+    """Finalized plant with the indices of its joints.
 
     Attributes:
-        plant: of the cell, without contact.
-        axes, grippers, head: numbers of the 13, 2 and 4 joints among the positions.
-        tips: body numbers and the tool frames' poses on them, X_BT (4, 4), right and left.
+        plant: Plant of the cell, without contact.
+        axes, grippers, head: Indices of the 13, 2 and 4 joints among the positions.
+        tips: Body indices and poses X_BT (4, 4) of the tool frames on these bodies, right and left.
     """
 
     plant: MultibodyPlant
@@ -51,9 +52,9 @@ class ArmPlant:
 
 
 def build_arm_plant(cell: Cell, step: float) -> ArmPlant:
-    """The cell's robot as a plant of a step in s, each joint driven by an implicit PD servo.
+    """Build the robot's plant with a time step in s and an implicit PD servo at each joint.
 
-    Gains follow from the inertia I that a joint sees at home: p = I w^2, d = 2 I w.
+    The gains follow from the inertia I at the joint in the home posture: p = I w^2, d = 2 I w.
     """
     plant = MultibodyPlant(time_step=step)
     add_cell(cell, plant, Parser(plant))
@@ -70,25 +71,25 @@ def build_arm_plant(cell: Cell, step: float) -> ArmPlant:
         actuators[number].set_default_rotor_inertia(_ROTOR_INERTIA)
         gear = _LARGE_GEAR if number in _LARGE_AXES else _WRIST_GEAR
         actuators[number].set_default_gear_ratio(gear)
-    plant.mutable_gravity_field().set_gravity_vector(np.array([0.0, 0.0, -_WEIGHT_LEFT]))
+    plant.mutable_gravity_field().set_gravity_vector(np.array([0.0, 0.0, -_RESIDUAL_GRAVITY]))
     plant.Finalize()
     inertia = np.diag(plant.CalcMassMatrix(plant.CreateDefaultContext()))
     indices = position_indices(cell, plant)
     w = 2.0 * np.pi * SERVO_FREQUENCY
     order = np.concatenate([indices.axes, indices.grippers, indices.head])
     for actuator, index in zip(actuators, order, strict=True):
-        felt = max(float(inertia[index]), _LEAST_INERTIA)
-        actuator.set_controller_gains(PdControllerGains(p=felt * w * w, d=2.0 * felt * w))
+        at_joint = max(float(inertia[index]), _LEAST_INERTIA)
+        actuator.set_controller_gains(PdControllerGains(p=at_joint * w * w, d=2.0 * at_joint * w))
     return ArmPlant(
         plant, indices.axes, indices.grippers, indices.head, (_tip(plant, "r1"), _tip(plant, "r2"))
     )
 
 
 def add_selections(builder: DiagramBuilder, arm: ArmPlant) -> dict[str, OutputPort]:
-    """Ports with the plant's positions and velocities, sorted.
+    """Add output ports with the plant's positions and velocities by group.
 
     Returns:
-        `position` and `velocity` (13,), `opening` (2,), `head` and `head_velocity` (4,).
+        Ports `position` and `velocity` (13,), `opening` (2,), `head` and `head_velocity` (4,).
     """
     plant = arm.plant
     count = plant.num_positions()
@@ -110,14 +111,14 @@ def add_selections(builder: DiagramBuilder, arm: ArmPlant) -> dict[str, OutputPo
 def connect_servos(
     builder: DiagramBuilder, arm: ArmPlant, axes: OutputPort, grippers: OutputPort, head: OutputPort
 ) -> None:
-    """Connect what the servos are asked for, each instance's positions before its velocities.
+    """Connect the desired states of the servos, each instance's positions before its velocities.
 
     Args:
-        builder: that has the plant.
-        arm: the plant.
-        axes: (26,) turn-table 1 + 1, right arm 6 + 6, left arm 6 + 6.
-        grippers: (4,) right 1 + 1, left 1 + 1.
-        head: (8,) left unit 2 + 2, right unit 2 + 2.
+        builder: Builder that contains the plant.
+        arm: The plant.
+        axes: Port (26,): turn-table 1 + 1, right arm 6 + 6, left arm 6 + 6.
+        grippers: Port (4,): right 1 + 1, left 1 + 1.
+        head: Port (8,): left unit 2 + 2, right unit 2 + 2.
     """
     for port, parts in (
         (axes, (("turntable", 2), ("r1", 12), ("r2", 12))),
@@ -128,15 +129,15 @@ def connect_servos(
         builder.Connect(port, split.get_input_port())
         for number, (name, _) in enumerate(parts):
             instance = arm.plant.GetModelInstanceByName(name)
-            wanted = arm.plant.get_desired_state_input_port(instance)
-            builder.Connect(split.get_output_port(number), wanted)
+            desired = arm.plant.get_desired_state_input_port(instance)
+            builder.Connect(split.get_output_port(number), desired)
 
 
-class ToolPoses(LeafSystem):
-    """X_WT of the right and the left tool, (2, 4, 4) in one vector of 32, from the bodies' poses."""
+class ToolPosesSystem(LeafSystem):
+    """Compute X_WT (2, 4, 4) of the right and the left tool, as one vector (32,)."""
 
     def __init__(self, arm: ArmPlant) -> None:
-        """Of the tools of a plant."""
+        """Keep the tools of a plant."""
         super().__init__()
         self.set_name("tools")
         self._tips = arm.tips

@@ -1,4 +1,7 @@
-"""The station's cameras: exposed once for every head command, when all that they see is at rest."""
+"""Drake system of the simulated cameras.
+
+They take one exposure per head command, once everything in view is at rest.
+"""
 
 import dataclasses as dc
 from collections.abc import Mapping
@@ -18,23 +21,23 @@ from unwrinkle.perception.stereo.head import Gaze, StereoHead
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.systems.abstract_state import set_state_value, state_value
 from unwrinkle.systems.station.head import HeadStatus, reported_gaze
-from unwrinkle.systems.station.photographer import CellPhotographer, Posture
+from unwrinkle.systems.station.photographer import CellPhotographer, CellPosture
 
-#: The axes rest when all are slower than this, rad/s.
+#: The axes count as at rest when all are slower than this, rad/s.
 AXES_STILL = 5e-3
-#: So long the cameras wait at most for the cloth to come to rest, s.
+#: Maximum time that an exposure waits for the cloth to come to rest, s.
 SETTLE_TIME = 3.0
-#: Their clock runs so much after everybody else's, s: an update of its own at the same instant as
-#: another system's would make Drake forget all that was computed from the pictures.
-OFF_BEAT = 5e-4
-#: What a camera can be made to do wrong: give nothing, a black picture, or noise alone.
+#: Offset of the cameras' update events, s: at the instant of another system's event, an update
+#: would invalidate Drake's cache of everything computed from the images.
+UPDATE_OFFSET = 5e-4
+#: Camera faults that can be simulated: no image, a black image, or an image of noise alone.
 FAULTS = ("nothing", "black", "noise")
-_FAILED = "the depth camera gave no picture"
+_FAILED = "the depth camera returned no image"
 
 
 @dataclass(frozen=True, eq=False)
 class Exposure(Shared):
-    """The last pictures and how many exposures there were."""
+    """Images of the last exposure, and the number of exposures so far."""
 
     left: HeadImage
     right: HeadImage
@@ -44,19 +47,20 @@ class Exposure(Shared):
 
 @dataclass(frozen=True)
 class _Wait(Shared):
-    """For which command, since when (s) everything but the cloth is at rest."""
+    """Wait for the cloth: number of the command, and start (s) of the rest of all else."""
 
     number: int = 0
     since: float = 0.0
 
 
 class CameraSystem(LeafSystem):
-    """The head's two cameras, or the depth camera, whichever the scenario's sensor is; for the sensor `truth`, nothing is drawn.
+    """Simulate the head's two cameras or the depth camera, by the scenario's sensor.
+
+    `truth` renders nothing.
 
     Inputs: `head` (`HeadStatus`), `head_angles` (4,) true, `position` and `velocity` (13,) of the
-    axes, `cloth` (`ClothState`).
-    Outputs: `left_image`, `right_image` (`HeadImage`), `depth_image` (`DepthImage`); they change
-    with an exposure and at no other time.
+    axes, `cloth` (`ClothState`). Outputs: `left_image`, `right_image` (`HeadImage`), `depth_image`
+    (`DepthImage`); they change only with an exposure.
     """
 
     def __init__(
@@ -69,17 +73,17 @@ class CameraSystem(LeafSystem):
         seed: int,
         faults: Mapping[int, str] | None = None,
     ) -> None:
-        """Get ready; the scene is built at the first exposure.
+        """Prepare the cameras; the scene is built at the first exposure.
 
         Args:
-            cell: with the scenario's sensor and the garment's texture.
-            cloth, state: what lies on the table, and how (for the port's type alone).
-            head: the true one.
-            seed: of texture, noise and faults.
-            faults: which exposures (the first is 1) fail, and how.
+            cell: robot and cell, with the scenario's sensor and the garment's texture.
+            cloth, state: solver and state of the cloth (the state gives the type of the port).
+            head: true stereo head.
+            seed: seed of texture, noise and faults.
+            faults: fault of each failing exposure by its number, from 1.
 
         Raises:
-            InputError: an unknown fault.
+            InputError: a fault is unknown.
         """
         super().__init__()
         self.set_name("cameras")
@@ -99,8 +103,8 @@ class CameraSystem(LeafSystem):
         self._position = self.DeclareVectorInputPort("position", BasicVector(13))
         self._velocity = self.DeclareVectorInputPort("velocity", BasicVector(13))
         self._cloth = self.DeclareAbstractInputPort("cloth", Value(state))
-        nothing = HeadImage(reason="nothing was exposed yet")
-        first = Exposure(nothing, nothing, DepthImage(reason="nothing was exposed yet"))
+        nothing = HeadImage(reason="no exposure was taken yet")
+        first = Exposure(nothing, nothing, DepthImage(reason="no exposure was taken yet"))
         self._exposure = self.DeclareAbstractState(Value(first))
         self._wait = self.DeclareAbstractState(Value(_Wait()))
         tickets = {self.abstract_state_ticket(self._exposure)}
@@ -110,7 +114,7 @@ class CameraSystem(LeafSystem):
                 f"{name}_image", lambda image=image: Value(image), self._shown(name), tickets
             )
         period = cell.scenario.station.feedback_period
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period, OFF_BEAT, self._update)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, UPDATE_OFFSET, self._update)
 
     def _update(self, context: Context, state: State) -> EventStatus:
         last: Exposure = state_value(context, self._exposure)
@@ -140,11 +144,11 @@ class CameraSystem(LeafSystem):
     def _exposed(
         self, context: Context, head: HeadStatus, cloth: ClothState, count: int
     ) -> Exposure:
-        """Take the pictures."""
+        """Render the images of one exposure."""
         now = context.get_time()
         axes = self._position.Eval(context)
         gaze = reported_gaze(head.angles, axes[0])
-        posture = Posture(axes, self._angles.Eval(context))
+        posture = CellPosture(axes, self._angles.Eval(context))
         seed = int(np.random.SeedSequence([self._seed, count]).generate_state(1)[0])
         fault = self._faults.get(count, "")
         number = head.number
@@ -157,7 +161,7 @@ class CameraSystem(LeafSystem):
                 depth = self._depth(number, posture, cloth, seed, now, fault)
             return Exposure(unused, unused, depth, count)
         if fault == "nothing":
-            none = HeadImage(number, None, gaze, now, "the camera gave no picture")
+            none = HeadImage(number, None, gaze, now, "the camera returned no image")
             return Exposure(none, none, depth, count)
         pair: tuple[NDArray[np.uint8], ...]
         if fault:
@@ -168,13 +172,19 @@ class CameraSystem(LeafSystem):
         return Exposure(left, right, depth, count)
 
     def _depth(
-        self, number: int, posture: Posture, cloth: ClothState, seed: int, now: float, fault: str
+        self,
+        number: int,
+        posture: CellPosture,
+        cloth: ClothState,
+        seed: int,
+        now: float,
+        fault: str,
     ) -> DepthImage:
         if fault == "nothing":
             return DepthImage(number, None, now, _FAILED)
         try:
             capture = self._photographer.depth(posture, cloth, seed)
-        except InputError as error:  # nothing in range: no picture
+        except InputError as error:  # nothing in range: there is no image
             return DepthImage(number, None, now, str(error))
         if fault:
             rng = np.random.default_rng(seed)

@@ -1,4 +1,7 @@
-"""The cloth as a system: its state, moved on by the tools that hold it, and the truth about it."""
+"""Drake system of the simulated cloth.
+
+Its outputs are the state, advanced with the tools that hold the cloth, and its measures.
+"""
 
 import dataclasses as dc
 from typing import Any
@@ -15,15 +18,17 @@ from unwrinkle.systems.station.grippers import Pinch, PinchAnswer
 
 
 class ClothSystem(LeafSystem):
-    """The cloth on its table. While it is asleep and nobody touches it, its state stays the same object.
+    """Advance the cloth on its table.
 
-    Inputs: `tips` (32,), measured X_WT (2, 4, 4) of both tools; `pinch` of the grippers.
-    Outputs: `cloth` (`ClothState`), `answer`, `coverage` and `height` (1,), the last two computed
-    only where somebody asks.
+    While it is asleep and no tool touches it, its state stays the same object.
+
+    Inputs: `tips` (32,), measured X_WT (2, 4, 4) of both tools; `pinch` (`Pinch`) of the grippers.
+    Outputs: `cloth` (`ClothState`), `answer` (`PinchAnswer`), `coverage` and `height` (1,); the
+    last two are computed on demand.
     """
 
     def __init__(self, cloth: Cloth, state: ClothState, *, period: float) -> None:
-        """Begin with a state; `period` (s) is that of the coupling to the tools."""
+        """Start with a state; `period` is that of the coupling to the tools, s."""
         super().__init__()
         self.set_name("cloth")
         self._cloth, self._period = cloth, period
@@ -46,7 +51,8 @@ class ClothSystem(LeafSystem):
         )
         for name, measure in (("coverage", coverage), ("height", largest_height)):
             self.DeclareVectorOutputPort(name, BasicVector(1), self._measured(measure), tickets)
-        # The tools' poses are those at the END of a step, so the cloth's first step ends one later.
+        # The measured tool poses are those at the end of a step, so the first step of the cloth
+        # ends one period later.
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, period, self._advance)
 
     def _advance(self, context: Context, state: State) -> EventStatus:
@@ -60,7 +66,7 @@ class ClothSystem(LeafSystem):
         new = [pinch.asked[hand] > answer.answered[hand] for hand in range(2)]
         if cloth.asleep and not grips and not any(new):
             return EventStatus.DidNothing()
-        # A sleeper's own clock stands still.
+        # While the cloth is asleep its own time does not advance.
         cloth = dc.replace(cloth, time=context.get_time() - self._period)
         tips: list[Array | None] = [None, None]
         if grips or any(new):
@@ -78,7 +84,7 @@ class ClothSystem(LeafSystem):
         return EventStatus.Succeeded()
 
     def _measured(self, measure: Any) -> Any:
-        last: list[Any] = [None, 0.0]  # the state measured last, and its figure
+        last: list[Any] = [None, 0.0]  # state of the last measurement, and its value
 
         def calc(context: Context, output: BasicVector) -> None:
             state = state_value(context, self._state)

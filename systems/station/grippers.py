@@ -1,4 +1,7 @@
-"""The two grippers: blades that close at their speed, stop at cloth, and know whether they hold any."""
+"""Drake system of the two simulated grippers.
+
+Their blades close at their speed, stop at cloth, and detect it.
+"""
 
 import dataclasses as dc
 from dataclasses import dataclass
@@ -13,18 +16,20 @@ from unwrinkle.models.limits import GripperLimits
 from unwrinkle.models.shared import Shared
 from unwrinkle.systems.abstract_state import set_state_value, state_value
 
-_THERE = 2e-4  # of an opening, m
-_NO_RIPPLE = 1e-9
+#: Tolerance of the opening, m.
+_OPENING_TOLERANCE = 2e-4
+#: Tolerance of rounding at the end of a motion, m.
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
 class Pinch(Shared):
-    """What the grippers do to the cloth.
+    """Action of the grippers on the cloth.
 
     Attributes:
-        asked: number of the command for which the blades have met the cloth's thickness, right
-            and left; 0 while they have not.
-        closed: wanted, right and left; an open gripper lets go.
+        asked: number of the command for which the blades have reached the cloth's thickness, right
+            and left; 0 before that.
+        closed: commanded state, right and left; an open gripper releases the cloth.
         spoiled: this closing is scripted to miss.
     """
 
@@ -35,15 +40,15 @@ class Pinch(Shared):
 
 @dataclass(frozen=True)
 class PinchAnswer(Shared):
-    """Whether there was cloth between the blades: for the command `answered`, right and left."""
+    """Whether cloth was between the blades for the command `answered`, right and left."""
 
     answered: tuple[int, int] = (0, 0)
     holding: tuple[bool, bool] = (False, False)
 
 
 @dataclass(frozen=True)
-class _Jaw(Shared):
-    """One gripper's motion: from an opening at a time towards a goal, m and s."""
+class _JawMotion(Shared):
+    """Motion of one gripper: opening `origin` (m) at time `begin` (s), towards `goal` (m)."""
 
     origin: float
     begin: float
@@ -53,10 +58,10 @@ class _Jaw(Shared):
     settled: bool = True
 
     def opening(self, time: float, speed: float) -> tuple[float, float]:
-        """Opening and its rate at a time."""
+        """Return the opening (m) and its rate (m/s) at a time, s."""
         way = self.goal - self.origin
         done = speed * (time - self.begin)
-        if done >= abs(way) - _NO_RIPPLE:
+        if done >= abs(way) - _ROUNDING:
             return self.goal, 0.0
         return self.origin + float(np.copysign(done, way)), float(np.copysign(speed, way))
 
@@ -66,11 +71,11 @@ class _Jaws(Shared):
     command: int
     done: int
     closings: int
-    pair: tuple[_Jaw, _Jaw]
+    pair: tuple[_JawMotion, _JawMotion]
 
 
 class GripperSystem(LeafSystem):
-    """Both grippers.
+    """Simulate both grippers.
 
     Inputs: `command`; `opening` (2,) measured, m; `answer` (`PinchAnswer`) of the cloth.
     Outputs: `status`; `pinch` (`Pinch`) for the cloth; `desired` (4,) for the servos.
@@ -85,17 +90,17 @@ class GripperSystem(LeafSystem):
         period: float,
         misses: frozenset[int] = frozenset(),
     ) -> None:
-        """Begin open.
+        """Start open.
 
         Args:
             limits: stroke and speed.
-            opening: of the open gripper, m.
-            thickness: of the cloth, at which blades stop that hold some, m.
-            period: of the grippers' own control, s.
-            misses: which closings (the first is 1) fail to catch cloth.
+            opening: opening of an open gripper, m.
+            thickness: thickness of the cloth, at which blades that hold cloth stop, m.
+            period: period of the grippers' control, s.
+            misses: numbers of the closings, from 1, that fail to catch cloth.
 
         Raises:
-            InputError: the opening is beyond the stroke, or below the cloth's thickness.
+            InputError: the opening is beyond the stroke, or not above the cloth's thickness.
         """
         super().__init__()
         self.set_name("grippers")
@@ -109,7 +114,7 @@ class GripperSystem(LeafSystem):
         self._command = self.DeclareAbstractInputPort("command", Value(GripperCommand()))
         self._opening = self.DeclareVectorInputPort("opening", BasicVector(2))
         self._answer = self.DeclareAbstractInputPort("answer", Value(PinchAnswer()))
-        jaw = _Jaw(opening, 0.0, opening)
+        jaw = _JawMotion(opening, 0.0, opening)
         self._state = self.DeclareAbstractState(Value(_Jaws(0, 0, 0, (jaw, jaw))))
         state = self.abstract_state_ticket(self._state)
         self.DeclareAbstractOutputPort("status", lambda: Value(GripperStatus()), self._status)
@@ -146,13 +151,19 @@ class GripperSystem(LeafSystem):
             if closed != jaw.closed:
                 origin = jaw.opening(now, self._speed)[0]
                 goal = self._thickness if closed else self._open
-                pair[hand] = _Jaw(origin, now, goal, closed, 0, False)
+                pair[hand] = _JawMotion(origin, now, goal, closed, 0, False)
         return _Jaws(command.number, jaws.done, closings, (pair[0], pair[1]))
 
     def _moved(
-        self, jaw: _Jaw, number: int, measured: float, answer: PinchAnswer, hand: int, now: float
-    ) -> _Jaw:
-        there = abs(measured - jaw.goal) < _THERE
+        self,
+        jaw: _JawMotion,
+        number: int,
+        measured: float,
+        answer: PinchAnswer,
+        hand: int,
+        now: float,
+    ) -> _JawMotion:
+        there = abs(measured - jaw.goal) < _OPENING_TOLERANCE
         if jaw.settled or not there:
             return jaw
         if not jaw.closed or jaw.goal == 0.0:
@@ -192,5 +203,5 @@ class GripperSystem(LeafSystem):
 
     def _desired(self, context: Context, output: BasicVector) -> None:
         jaws: _Jaws = state_value(context, self._state)
-        wanted = [jaw.opening(context.get_time(), self._speed) for jaw in jaws.pair]
-        output.SetFromVector(np.array(wanted).ravel())
+        desired = [jaw.opening(context.get_time(), self._speed) for jaw in jaws.pair]
+        output.SetFromVector(np.array(desired).ravel())

@@ -1,10 +1,12 @@
-"""The station in its `hardware` form: the same ports, wired to a site's devices.
+"""Station in its `hardware` form: the same ports, connected to the devices of a site.
 
-A process of its own polls the controller's driver on the computer's own clock, so that feedback is watched and
-trajectories are streamed whatever the rest of the diagram computes. The diagram itself has to run no faster than time does.
+A separate process polls the controller's driver on the computer's clock, so that feedback is
+monitored and trajectories are streamed independently of the diagram's computing time. The diagram
+must be advanced no faster than real time.
 """
 
 import time
+from contextlib import ExitStack
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort
 
@@ -29,26 +31,26 @@ from unwrinkle.systems.station.drivers.grippers import GripperDriverSystem
 from unwrinkle.systems.station.drivers.pair_camera import PairCameraSystem
 from unwrinkle.systems.station.drivers.pan_tilt import PanTiltDriverSystem
 
-#: The devices are polled with this period while they get ready, s.
-_POLL = 0.01
+#: Polling period of the devices while they get ready, s.
+_POLL_PERIOD = 0.01
 
 
-class Equipment:
-    """A site's devices, opened; `close` them after use.
+class StationEquipment:
+    """Open devices of a site; `close` them after use.
 
     Attributes:
-        driver: of the controller, in a process of its own.
-        grippers, camera: polled by the station.
-        units: of the head, left and right; none where a depth camera sees.
+        driver: driver of the controller, in a process of its own.
+        grippers, camera: devices that the station polls.
+        units: pan-tilt units of the head, left and right; empty if the sensor is a depth camera.
     """
 
     def __init__(
         self, cell: Cell, site: Site, head: StereoHead, log: RunLog | None, grab: Grab
     ) -> None:
-        """Open everything, and wait until it is ready; nothing moves.
+        """Open all devices and wait until they are ready; nothing moves.
 
         Raises:
-            InputError: the site lacks what a station needs.
+            InputError: the site lacks a device that the station needs.
             HardwareError: a device does not get ready.
         """
         stereo = cell.scenario.sensor.kind == "stereo"
@@ -64,7 +66,8 @@ class Equipment:
             io=site.needs_io,
         )
         self._opened.append(self.driver)
-        try:
+        with ExitStack() as on_failure:
+            on_failure.callback(self.close)
             self.driver.start()
             self.grippers: Grippers = open_grippers(site.grippers, self.driver)
             self._opened.append(self.grippers)
@@ -80,12 +83,10 @@ class Equipment:
             )
             self._opened.append(self.camera)
             self._get_ready(site)
-        except BaseException:
-            self.close()
-            raise
+            on_failure.pop_all()
 
     def close(self) -> None:
-        """Hold, disconnect and close, in that order; a second time changes nothing."""
+        """Hold, disconnect and close, in that order; repeated calls have no effect."""
         opened, self._opened = self._opened, []
         for device in opened:  # the robot first: it may have to come to rest
             device.close()
@@ -93,10 +94,10 @@ class Equipment:
             line.close()
 
     def _get_ready(self, site: Site) -> None:
-        """Poll until every device says that it is ready.
+        """Poll until every device is ready.
 
         Raises:
-            HardwareError: one of them does not, within its own deadline.
+            HardwareError: a device is not ready in time.
         """
         most = site.controller.connect_timeout + 10.0 * site.pan_tilt.reply_timeout
         end = own_time() + most
@@ -106,7 +107,7 @@ class Equipment:
             problems = self._problems()
             if not problems:
                 return
-            time.sleep(_POLL)
+            time.sleep(_POLL_PERIOD)
         raise HardwareError("; ".join(problems))
 
     def _problems(self) -> list[str]:
@@ -123,14 +124,14 @@ class Equipment:
 
 
 class HardwareStation(Diagram):
-    """A station of real devices. Build it with `build_hardware_station`, and `close` it after use.
+    """Station of real devices. Build it with `build_hardware_station`, and `close` it after use.
 
     Attributes:
-        equipment: its devices.
+        equipment: devices of the station.
     """
 
-    def __init__(self, cell: Cell, equipment: Equipment, log: RunLog | None) -> None:
-        """See `build_hardware_station`."""
+    def __init__(self, cell: Cell, equipment: StationEquipment, log: RunLog | None) -> None:
+        """Connect the ports; see `build_hardware_station`."""
         super().__init__()
         self.equipment = equipment
         period = cell.scenario.station.feedback_period
@@ -189,7 +190,7 @@ def _check_complete(site: Site, *, stereo: bool) -> None:
     """Refuse a site that lacks what the closed loop needs.
 
     Raises:
-        InputError: with the keys that are missing, or the wrong kind of camera.
+        InputError: keys are missing, or the cameras are of the wrong kind.
     """
     needed = {
         "cameras.kind": site.cameras.kind.replace("none", ""),
@@ -207,7 +208,8 @@ def _check_complete(site: Site, *, stereo: bool) -> None:
         )
     if stereo and site.cameras.kind == "openni2":
         raise InputError(
-            f"cameras.kind of site {site.name} is 'openni2', a depth camera, but the scenario's sensor is the "
+            f"cameras.kind of site {site.name} is 'openni2', a depth camera, but the scenario's "
+            "sensor is the "
             "head; use --sensor xtion, or give cameras of the head"
         )
 
@@ -215,14 +217,15 @@ def _check_complete(site: Site, *, stereo: bool) -> None:
 def _add_eyes(
     builder: DiagramBuilder,
     cell: Cell,
-    equipment: Equipment,
+    equipment: StationEquipment,
     position: OutputPort,
     velocity: OutputPort,
 ) -> tuple[InputPort, OutputPort, PairCameraSystem | DepthCameraDriverSystem]:
-    """The head with its two cameras, or the depth camera.
+    """Add the head with its two cameras, or the depth camera.
 
     Returns:
-        Where head commands go to, what says where the head stands, and the system with the three images.
+        Input port of head commands, output port of the head's angles, and the system with the three
+        images.
     """
     period, camera = cell.scenario.station.feedback_period, equipment.camera
     if isinstance(camera, OpenNi2Camera):
@@ -253,19 +256,19 @@ def build_hardware_station(
     """Open a site's devices and build the station, a diagram called "station"; nothing moves yet.
 
     Args:
-        cell: the robot in its cell; its scenario's sensor is the head, or a depth camera over the table.
-        site: where the devices are.
-        head: as calibrated; not needed by a depth camera.
-        log: takes what is sent and measured.
-        grab: takes a frame of the depth camera.
+        cell: robot and cell; the scenario's sensor is the head, or a depth camera over the table.
+        site: addresses and settings of the devices.
+        head: calibrated stereo head; unused with a depth camera.
+        log: run log of what is sent and measured.
+        grab: function that takes a frame of the depth camera.
 
     Raises:
-        InputError: the site lacks a device, or its cameras are of another kind than the scenario's sensor.
+        InputError: the site lacks a device, or its cameras do not fit the scenario's sensor.
         HardwareError: a device does not answer, or is not ready.
     """
-    equipment = Equipment(cell, site, head, log, grab)
-    try:
-        return HardwareStation(cell, equipment, log)
-    except BaseException:
-        equipment.close()
-        raise
+    with ExitStack() as on_failure:
+        equipment = StationEquipment(cell, site, head, log, grab)
+        on_failure.callback(equipment.close)
+        station = HardwareStation(cell, equipment, log)
+        on_failure.pop_all()
+    return station

@@ -1,4 +1,7 @@
-"""The head's two pan-tilt units: whole steps, bounded speed and acceleration, and where they rest."""
+"""Drake system of the head's two simulated pan-tilt units.
+
+Modelled are whole steps, bounded speed and acceleration, and rest errors.
+"""
 
 from dataclasses import dataclass
 
@@ -15,20 +18,21 @@ from unwrinkle.perception.stereo.head import Gaze, StereoHead
 from unwrinkle.simulation.devices.pan_tilt import REPEATABILITY
 from unwrinkle.systems.abstract_state import set_state_value, state_value
 
-#: ASSUMED: acceleration of an axis, rad/s^2, and the time that the mount takes to be still, s.
+#: ASSUMED: acceleration of an axis, rad/s^2.
 ACCELERATION = 20.0
+#: ASSUMED: time for which the mount vibrates after a motion, s.
 STILL_AFTER = 0.10
 
 
 @dataclass(frozen=True, eq=False)
 class HeadStatus(Shared):
-    """What the units say.
+    """Report of the pan-tilt units.
 
     Attributes:
-        number: of the last command, accepted or refused.
+        number: number of the last command, accepted or refused.
         still: whether both units rest.
-        angles: (4,) reported: left pan, tilt, right pan, tilt, rad.
-        reason: why the command was refused; else empty.
+        angles: (4,) reported angles: left pan, tilt, right pan, tilt, rad.
+        reason: why the command was refused; empty if it was not.
     """
 
     number: int
@@ -39,7 +43,10 @@ class HeadStatus(Shared):
 
 @dataclass(frozen=True, eq=False)
 class _Turn(Shared):
-    """A motion of all four axes: reported and true angles (4,) at both ends, rad; its begin, s."""
+    """Motion of all four axes: reported and true angles (4,) at both ends, rad.
+
+    `begin` is its start, s.
+    """
 
     number: int
     begin: float
@@ -49,11 +56,11 @@ class _Turn(Shared):
 
 
 class HeadSystem(LeafSystem):
-    """Both units of the head.
+    """Simulate both pan-tilt units of the head.
 
     Inputs: `command`. Outputs: `status` (`HeadStatus`), `position` (4,) as reported, `desired`
-    (8,): true angles and rates for the servos. An axis comes to rest off the reported angle by an
-    error that is drawn anew whenever it moves (see `simulation.pan_tilt`).
+    (8,): true angles and rates for the servos. An axis stops off the reported angle by an error
+    that is drawn anew for each motion (see `simulation.devices.pan_tilt`).
     """
 
     def __init__(
@@ -66,14 +73,14 @@ class HeadSystem(LeafSystem):
         period: float,
         repeatability: float = REPEATABILITY,
     ) -> None:
-        """Begin at rest.
+        """Start at rest.
 
         Args:
-            head: its units' steps and limits.
-            limits: speeds.
+            head: stereo head, with the steps and limits of its units.
+            limits: speeds of the axes.
             start: pan and tilt of both units, rad.
-            seed: of the rest errors.
-            period: of the units' own control, s.
+            seed: seed of the rest errors.
+            period: period of the units' control, s.
             repeatability: standard deviation of the rest error, steps.
         """
         super().__init__()
@@ -109,7 +116,7 @@ class HeadSystem(LeafSystem):
             ):
                 eye.unit.check(*angles, f"{eye.name} eye")
         except InputError as refusal:
-            # Where it is, it stays: a refused command moves nothing.
+            # A refused command moves nothing.
             return _Turn(command.number, now, (reported, reported), (true, true), str(refusal))
         wanted = self._whole_steps(np.array([*command.gaze.left, *command.gaze.right]))
         moves = wanted != reported
@@ -120,7 +127,7 @@ class HeadSystem(LeafSystem):
         return _Turn(command.number, now, (reported, wanted), (true, goal))
 
     def _whole_steps(self, angles: Array) -> Array:
-        """The nearest whole steps within the limits, rad."""
+        """Return the nearest whole steps within the limits, rad."""
         limits = np.array(
             [ends for eye in self._eyes for ends in (eye.unit.pan, eye.unit.tilt)]
         ).reshape(4, 2)
@@ -130,7 +137,7 @@ class HeadSystem(LeafSystem):
         return np.asarray(steps * self._step)
 
     def _progress(self, turn: _Turn, now: float) -> tuple[Array, Array]:
-        """Share (4,) of each axis' way done, and its rate, 1/s: even acceleration, at most the axis' speed."""
+        """Return the completed share (4,) and its rate (1/s) of trapezoidal speed profiles."""
         way = np.abs(turn.true[1] - turn.true[0])
         way = np.maximum(way, 1e-12)
         peak = np.minimum(self._speed, np.sqrt(way * ACCELERATION))
@@ -167,7 +174,7 @@ class HeadSystem(LeafSystem):
 
 
 def reported_gaze(angles: Array, ext_axis: float) -> Gaze:
-    """The gaze of reported angles (4,) and the turn-table's, rad."""
+    """Build the gaze from the reported angles (4,) of the units and the turn-table's angle, rad."""
     pan, tilt, right_pan, right_tilt = (float(angle) for angle in angles)
     return Gaze(pan, tilt, right_pan, right_tilt, float(ext_axis))
 

@@ -1,4 +1,7 @@
-"""Two ends of real connections on one simulated clock: neither moves on before it has all that the other sent."""
+"""Synchronise both ends of a real connection on one simulated clock.
+
+Neither advances before all sent bytes arrived.
+"""
 
 import array
 import fcntl
@@ -15,22 +18,23 @@ from unwrinkle.models.errors import HardwareError
 from unwrinkle.simulation.controllers.server import ControllerServer
 from unwrinkle.simulation.devices.serial_pan_tilt import PtyPort
 
-#: The system itself delivers what was sent within this, s; it takes microseconds.
-DEADLINE = 5.0
-#: Requests of the driver that are answered within one step of the clock: the controller's answer takes about a millisecond.
-MOST_ANSWERS = 12
+#: Maximum time for the operating system to deliver sent bytes, s; it takes microseconds.
+DELIVERY_TIMEOUT = 5.0
+#: Maximum number of requests that are answered within one step of the clock: the controller answers
+#: in about 1 ms.
+MAX_REQUESTS_PER_STEP = 12
 
 
 class ControllerLockstep:
-    """The controller's driver and the virtual controller's server, over TCP."""
+    """Synchronise the controller's driver with the virtual controller's server, over TCP."""
 
     def __init__(self, driver: ControllerDriver, server: ControllerServer) -> None:
-        """Couple two ends."""
+        """Couple the two ends."""
         self._driver, self._server = driver, server
 
     def poll_driver(self, now: float) -> None:
-        """Let the driver move on to a time, s, with all that the server has sent, and have what it asks answered."""
-        for _ in range(MOST_ANSWERS):
+        """Advance the driver to a time, s, and let the server answer its requests."""
+        for _ in range(MAX_REQUESTS_PER_STEP):
             self._await_server()
             before = self._asked()
             self._driver.poll(now)
@@ -40,12 +44,12 @@ class ControllerLockstep:
             self._server.answer()
 
     def poll_server(self, now: float, poll: Callable[[], None]) -> None:
-        """Let the server move on (`poll` does) with all that the driver has sent."""
+        """Advance the server (by calling `poll`) with all that the driver has sent."""
         self._await_driver()
         poll()
 
     def _asked(self) -> tuple[str, int]:
-        """What changes with every request on the motion connection."""
+        """Return a value that changes with every request on the motion connection."""
         link = self._driver.links.get("motion")
         return ("", 0) if link is None else (link.closed, link.sent)
 
@@ -63,32 +67,43 @@ class ControllerLockstep:
 
 
 class PanTiltLockstep:
-    """A pan-tilt unit's driver and the virtual unit, over a pseudo-terminal."""
+    """Synchronise a pan-tilt unit's driver with the virtual unit, over a pseudo-terminal."""
 
     def __init__(self, driver: PanTiltDriver, line: SerialLink, port: PtyPort) -> None:
-        """Couple two ends of a line."""
+        """Couple the two ends of a line."""
         self._driver, self._line, self._port = driver, line, port
 
     def poll(self, now: float) -> None:
-        """Let the driver move on to a time, s; all it sends is there for the unit's next poll."""
-        if not fill(self._line, self._port.sent, DEADLINE):
-            raise HardwareError(f"{self._line.device}: the line lost what the unit sent")
+        """Advance the driver to a time, s.
+
+        All that it sends is available at the unit's next poll.
+        """
+        if not fill(self._line, self._port.sent, DELIVERY_TIMEOUT):
+            raise HardwareError(
+                f"{self._line.device}: bytes of the virtual pan-tilt unit did not arrive within "
+                f"{DELIVERY_TIMEOUT:g} s"
+            )
         self._driver.poll(now)
-        if not fill(self._port, self._line.sent, DEADLINE):
-            raise HardwareError(f"{self._line.device}: the line lost what the driver sent")
+        if not fill(self._port, self._line.sent, DELIVERY_TIMEOUT):
+            raise HardwareError(
+                f"{self._line.device}: bytes of the driver did not arrive within "
+                f"{DELIVERY_TIMEOUT:g} s"
+            )
 
 
 def _await(link: TcpLink, total: int) -> None:
-    """Wait until a link has, read or waiting to be read, as many bytes as its peer has sent."""
-    end = time.monotonic() + DEADLINE
+    """Wait until a link has received, read or not, as many bytes as its peer has sent."""
+    end = time.monotonic() + DELIVERY_TIMEOUT
     while not link.closed and link.received + _waiting(link) < total:
         if time.monotonic() > end:
-            raise HardwareError(f"{link.name}: what was sent did not arrive in {DEADLINE:g} s")
+            raise HardwareError(
+                f"{link.name}: sent bytes did not arrive within {DELIVERY_TIMEOUT:g} s"
+            )
         select.select([link], [], [], 0.001)
 
 
 def _waiting(link: TcpLink) -> int:
-    """Bytes that have come and were not read."""
+    """Return the number of bytes that have arrived and were not read."""
     count = array.array("i", [0])
     fcntl.ioctl(link.fileno(), termios.FIONREAD, count)
     return count[0]

@@ -1,12 +1,16 @@
-"""The station in its `loopback` form: the real drivers, over TCP and serial lines, against virtual devices.
+"""Station in its `loopback` form.
 
-Robot, cameras and cloth are simulated as in the `sim` form, and the truth is told as there. What lies between is not:
-trajectories go through the controller's driver, its messages, and the virtual controller, whose joints drive the plant;
-grippers are commanded by the controller's digital outputs; the head by ASCII on pseudo-terminals. Both ends of every
-connection live on the simulation's clock, so a run is the same each time, and as quick as the simulation is.
+The real drivers, over TCP and serial lines, against virtual devices.
+
+Robot, cameras and cloth are simulated as in the `sim` form, with the same `truth` outputs. The
+connection is real: trajectories pass through the controller's driver, its messages, and the virtual
+controller, whose joints drive the plant; grippers are commanded by the controller's digital
+outputs; the head by ASCII commands on pseudo-terminals. Both ends of every connection run on the
+simulation's clock, so a run is reproducible and as fast as the simulation.
 """
 
 import dataclasses as dc
+from contextlib import ExitStack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,30 +41,34 @@ from unwrinkle.systems.station.virtual_devices import (
     unit_settings,
 )
 from unwrinkle.systems.station.world import (
-    Controls,
     SimulatedStation,
+    StationControls,
     StationFaults,
     World,
     start_posture,
 )
 
-#: So long before the run the devices get to know each other, s on the simulation's clock.
-_PROLOGUE = 3.0
+#: Time for which the devices run before time 0 so that they get ready, s on the simulation's clock.
+_STARTUP_TIME = 3.0
 
 
 class LoopbackEquipment:
-    """The devices, virtual and not, of a loopback station; a builder of its controls.
+    """Drivers and virtual devices of a loopback station; `controls` connects them to its ports.
 
     Attributes:
-        driver: of the controller.
-        server: of the virtual controller.
+        driver: driver of the controller.
+        server: server of the virtual controller.
         controller: the virtual controller.
     """
 
     def __init__(
         self, cell: Cell, site: Site, start: Array, head: StereoHead, log: RunLogger | None
     ) -> None:
-        """Start the virtual controller, and connect the driver to it."""
+        """Start the virtual controller and connect the driver to it.
+
+        Raises:
+            HardwareError: the connection cannot be made.
+        """
         self._head, self._log = head, log
         settings = cell.scenario.station
         limits = cell.with_speed(1.0).limits
@@ -81,11 +89,11 @@ class LoopbackEquipment:
         self._units: VirtualPanTiltSystem | None = None
         self.driver.connect()
 
-    def controls(self, builder: DiagramBuilder, world: World) -> Controls:
-        """Add the systems of the devices; see `simulated_world.Controls`."""
+    def controls(self, builder: DiagramBuilder, world: World) -> StationControls:
+        """Add the systems of the devices; see `world.StationControls`."""
         settings, site = world.cell.scenario.station, self._site
         heads = self._heads(world)
-        self._prologue(world, settings.plant_step)
+        self._start_up(world, settings.plant_step)
         driver = builder.AddSystem(
             ControllerDriverSystem(
                 self.driver,
@@ -121,7 +129,7 @@ class LoopbackEquipment:
             (self._units.GetOutputPort("command"), world.units.GetInputPort("command")),
         ):
             builder.Connect(source, target)
-        return Controls(
+        return StationControls(
             inputs={
                 "trajectory": driver.GetInputPort("trajectory"),
                 "gripper.command": grippers.GetInputPort("command"),
@@ -141,7 +149,7 @@ class LoopbackEquipment:
         )
 
     def close(self) -> None:
-        """Leave trajectory mode, disconnect, and end the virtual devices."""
+        """Leave trajectory mode, disconnect, and stop the virtual devices."""
         self.driver.close()
         self.server.close()
         if self._units is not None:
@@ -151,7 +159,7 @@ class LoopbackEquipment:
         self._lockstep.poll_server(now, lambda: self.server.poll(now, positions, velocities))
 
     def _heads(self, world: World) -> PanTiltDriverSystem:
-        """Virtual units on pseudo-terminals, and the drivers at their other ends."""
+        """Build the virtual units on pseudo-terminals, and the drivers at the other ends."""
         eyes = (self._head.left, self._head.right)
         settings = unit_settings(eyes[0].unit)
         period = world.cell.scenario.station.feedback_period
@@ -176,11 +184,15 @@ class LoopbackEquipment:
         self._poll_heads = poll
         return PanTiltDriverSystem(drivers[0], drivers[1], period=period, poll=poll)
 
-    def _prologue(self, world: World, step: float) -> None:
-        """Let the devices get ready before the run begins at time 0."""
+    def _start_up(self, world: World, step: float) -> None:
+        """Run the devices before time 0 until they are ready.
+
+        Raises:
+            HardwareError: the virtual controller is not ready.
+        """
         assert self._units is not None
         rest = np.zeros(13)
-        count = round(_PROLOGUE / step)
+        count = round(_STARTUP_TIME / step)
         for index in range(-count, 0):
             now = index * step
             self._lockstep.poll_driver(now)
@@ -188,22 +200,24 @@ class LoopbackEquipment:
             self._units.poll(now)
             self._poll_heads(now)
         if self.driver.status.state != READY:
+            status = self.driver.status
             raise HardwareError(
-                f"the virtual controller did not get ready: {self.driver.status.reason or self.driver.status.state}"
+                f"the virtual controller was not ready after {_STARTUP_TIME:g} s: "
+                f"{status.reason or status.state}"
             )
 
 
 class LoopbackStation(SimulatedStation):
-    """A simulated station behind real drivers. Build it with `build_loopback_station`.
+    """Simulated station behind the real drivers. Build it with `build_loopback_station`.
 
     Attributes:
-        equipment: its devices.
+        equipment: drivers and virtual devices.
     """
 
     equipment: LoopbackEquipment
 
     def close(self) -> None:
-        """End its devices; a second time changes nothing."""
+        """Close the devices; repeated calls have no effect."""
         self.equipment.close()
 
 
@@ -223,16 +237,18 @@ def build_loopback_station(
 
     Args:
         cell, cloth, state, head, seed, start, faults: see `build_sim_station`.
-        site: settings of the drivers; addresses are chosen by the system. The shipped one if left out.
-        log: takes what is sent and measured.
+        site: settings of the drivers; the shipped ones if left out. The operating system chooses
+            the addresses.
+        log: run log of what is sent and measured.
 
     Raises:
         InputError: see `build_sim_station`.
         HardwareError: the devices do not get ready.
     """
     posture = start_posture(cell, cloth, start)
-    equipment = LoopbackEquipment(cell, site or loopback_site(), posture, head, log)
-    try:
+    with ExitStack() as on_failure:
+        equipment = LoopbackEquipment(cell, site or loopback_site(), posture, head, log)
+        on_failure.callback(equipment.close)
         station = LoopbackStation(
             cell,
             cloth,
@@ -243,8 +259,6 @@ def build_loopback_station(
             faults=faults or StationFaults(),
             controls=equipment.controls,
         )
-    except BaseException:
-        equipment.close()
-        raise
+        on_failure.pop_all()
     station.equipment = equipment
     return station

@@ -1,4 +1,4 @@
-"""What the simulated robot really did, for the run's log."""
+"""Measured motion of the simulated robot, for the run's log."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,16 +11,16 @@ from unwrinkle.models.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class StationMotion:
     """Measured motion, one row per step of the plant.
 
     Attributes:
-        number: of the trajectory; 0 where the robot rested.
+        number: number of the trajectory; 0 at rest.
         times: (N,) s on the station's clock.
         measured: (N, 13) positions of the axes, rad.
         velocities: (N, 13) rad/s.
-        reference: (N, 13) that the controller asked for at the same instant, rad.
-        openings: (N, 2) of the grippers, m.
+        reference: (N, 13) reference positions of the controller at the same instants, rad.
+        openings: (N, 2) openings of the grippers, m.
         head: (N, 4) true angles of the pan-tilt units, rad.
     """
 
@@ -34,28 +34,31 @@ class Motion:
 
     @property
     def following_error(self) -> float:
-        """Largest distance of an axis from its reference, rad; 0 of an empty motion."""
+        """Return the largest distance of an axis from its reference, rad; 0 for an empty motion."""
         return float(np.abs(self.measured - self.reference).max(initial=0.0))
 
 
 class MotionLog:
-    """Reads the station's log. `station.motion_log` is one."""
+    """Read the station's log; available as `station.motion_log`."""
 
     def __init__(self, sink: VectorLogSink) -> None:
-        """Read a sink of rows: position 13, velocity 13, reference 13, number 1, opening 2, head 4."""
+        """Read rows of position 13, velocity 13, reference 13, number, opening 2, head 4."""
         self._sink = sink
 
-    def between(self, context: Context, begin: float, end: float = np.inf) -> Motion:
-        """The motion in an interval of the station's clock, s; `context` is the root's."""
+    def between(self, context: Context, begin: float, end: float = np.inf) -> StationMotion:
+        """Return the motion in an interval of the station's clock, s.
+
+        `context` is that of the root diagram.
+        """
         log = self._sink.FindLog(context)
         times = np.asarray(log.sample_times())
         first, last = np.searchsorted(times, [begin, end], side="left")
         return _motion(times[first:last], np.asarray(log.data()).T[first:last])
 
-    def last(self, context: Context) -> Motion:
-        """The motion of the last trajectory that was run, from its start until now or its end.
+    def last(self, context: Context) -> StationMotion:
+        """Return the motion of the last trajectory, from its start until now or its end.
 
-        Empty before the first.
+        It is empty before the first trajectory.
         """
         log = self._sink.FindLog(context)
         times, rows = np.asarray(log.sample_times()), np.asarray(log.data()).T
@@ -67,12 +70,12 @@ class MotionLog:
         return _motion(times[own], rows[own])
 
     def clear(self, context: Any) -> None:
-        """Forget what was logged; `context` is the root's, mutable."""
+        """Delete the logged motion; `context` is that of the root diagram, mutable."""
         self._sink.FindMutableLog(context).Clear()
 
 
-def _motion(times: Array, rows: Array) -> Motion:
+def _motion(times: Array, rows: Array) -> StationMotion:
     parts = np.split(rows, [13, 26, 39, 40, 42], axis=1)
     measured, velocities, reference, numbers, openings, head = (part.copy() for part in parts)
     number = int(numbers[-1, 0]) if len(numbers) else 0
-    return Motion(number, times.copy(), measured, velocities, reference, openings, head)
+    return StationMotion(number, times.copy(), measured, velocities, reference, openings, head)

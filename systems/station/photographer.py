@@ -1,4 +1,4 @@
-"""Photographs of the cell with the cloth as it lies: by the head's cameras, or by the depth camera."""
+"""Render images of the cell and the cloth, with the head's cameras or the depth camera."""
 
 import dataclasses as dc
 from dataclasses import dataclass
@@ -22,33 +22,36 @@ from unwrinkle.simulation.rendering.image_noise import (
 from unwrinkle.simulation.rendering.renderer import Renderer
 from unwrinkle.simulation.rendering.synthetic_towel import overhead_pose
 
-# Pictures of at most a quarter of the sensor's size are photographed twice as fine as they are asked
-# for, with 2 x 2 samples each: fibres that fall between samples would be another noise in each eye.
-_FINER, _QUALITY = 2, 2
+#: Images of at most a quarter of the sensor's width are rendered at this multiple of their size,
+#: with _SAMPLES x _SAMPLES samples per pixel: fibres that fall between samples would otherwise be
+#: different noise in each image.
+_OVERSIZE = 2
+_SAMPLES = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Posture:
-    """Of the robot: axes (13,) and the head's true angles (4,), rad."""
+class CellPosture:
+    """Posture of axes (13,) and true angles of the head (4,), rad."""
 
     axes: Array
     head: Array
 
 
 class CellPhotographer:
-    """Draws one cell with one cloth; the scene is built when it is first needed."""
+    """Render one cell with one cloth; the scene is built on first use."""
 
     def __init__(self, cell: Cell, cloth: Cloth, head: StereoHead, seed: int) -> None:
-        """Photograph a cell.
+        """Prepare the rendering of a cell.
 
         Args:
-            cell: with the scenario's sensor and the garment's texture.
-            cloth: what lies on the table.
-            head: the true one.
-            seed: of the texture.
+            cell: robot and cell, with the scenario's sensor and the garment's texture.
+            cloth: solver of the cloth.
+            head: true stereo head.
+            seed: seed of the texture.
 
         Raises:
-            InputError: a scale that does not divide the pictures, an unknown texture or depth camera.
+            InputError: the scale does not divide the images, or the texture or depth camera is
+                unknown.
         """
         self._cell, self._cloth, self._head = cell, cloth, head
         sensor, garment = cell.scenario.sensor, cell.scenario.station.garment
@@ -63,7 +66,7 @@ class CellPhotographer:
             texture=garment.texture,
             seed=seed,
         )
-        # Each kind of camera sees from another distance on.
+        # The nearest visible distance depends on the kind of camera.
         self._depth_camera = (
             load_depth_camera(sensor.depth_camera) if sensor.kind == "depth" else None
         )
@@ -71,12 +74,12 @@ class CellPhotographer:
         self._drawn: ClothState | None = None
 
     def pair(
-        self, posture: Posture, state: ClothState, seed: int
+        self, posture: CellPosture, state: ClothState, seed: int
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-        """Photograph with both eyes: RGB pictures (h, w, 3) of the scenario's scale.
+        """Render both cameras of the head: RGB images (h, w, 3) of the scenario's scale.
 
-        A small picture is made from a photograph of twice its own size, with the blur and the noise
-        that averaging leaves of the full sensor's, instead of from all 16 megapixels.
+        A small image is made from a rendering of twice its size, with the blur and noise that
+        remain after averaging the full sensor's pixels, instead of from all 16 megapixels.
         """
         renderer = self._scene(posture, state)
         left, right = self._head.left, self._head.right
@@ -84,7 +87,7 @@ class CellPhotographer:
             self._eye_pose(eye, posture, posture.head[2 * k : 2 * k + 2])
             for k, eye in enumerate((left, right))
         ]
-        finer = min(1.0, _FINER * self._scale)
+        finer = min(1.0, _OVERSIZE * self._scale)
         eyes = tuple(scaled_camera(eye.camera, finer) for eye in (left, right))
         pictures = photograph_pair(
             renderer,
@@ -92,18 +95,18 @@ class CellPhotographer:
             seed,
             scale=self._scale / finer,
             model=averaged(self._model, finer),
-            quality=_QUALITY if finer < 1.0 else None,
+            quality=_SAMPLES if finer < 1.0 else None,
         )
         return pictures
 
-    def depth(self, posture: Posture, state: ClothState, seed: int) -> Capture:
-        """Photograph with the scenario's depth camera, fixed over the table."""
+    def depth(self, posture: CellPosture, state: ClothState, seed: int) -> Capture:
+        """Render the scenario's depth camera, fixed over the table."""
         assert self._depth_camera is not None
         x, y, z = self._cell.scenario.sensor.depth_camera_place
         scene = self._scene(posture, state)
         return depth_image(scene, self._depth_camera, overhead_pose(x, y, z), seed)
 
-    def _scene(self, posture: Posture, state: ClothState) -> Renderer:
+    def _scene(self, posture: CellPosture, state: ClothState) -> Renderer:
         if self._renderer is None:
             mesh = self._mesh.mesh(self._cloth.vertices(state))
             renderer = partial(Renderer, self._cell, [mesh])
@@ -118,25 +121,28 @@ class CellPhotographer:
         self._drawn = state
         return self._renderer
 
-    def _eye_pose(self, eye: Eye, posture: Posture, angles: Array) -> Pose:
-        """X_WC (4, 4) where the eye truly is; a hair beyond a limit is no error here."""
+    def _eye_pose(self, eye: Eye, posture: CellPosture, angles: Array) -> Pose:
+        """Return the true pose X_WC (4, 4) of a camera.
+
+        Angles slightly beyond a limit are accepted.
+        """
         X_WR = self._head.turntable_pose(float(posture.axes[0]))
         mount = eye.unit.mount_pose(float(angles[0]), float(angles[1]))
         return np.asarray(X_WR @ eye.X_RB @ mount @ eye.X_MC)
 
 
 def noisier(model: SensorModel, factor: float) -> SensorModel:
-    """A sensor with so many times the noise, by standard deviation; all else alike."""
+    """Return a sensor model with `factor` times the standard deviation of the noise."""
     return dc.replace(
         model, shot_gain=model.shot_gain * factor**2, read_noise=model.read_noise * factor
     )
 
 
 def averaged(model: SensorModel, scale: float) -> SensorModel:
-    """Blur and noise of a sensor's pictures after averaging over blocks of 1/scale x 1/scale pixels.
+    """Return the sensor model after averaging blocks of 1/scale x 1/scale pixels.
 
     The noise of a mean of n^2 pixels is n times smaller. The blur is that of the lens and of the
-    block (variance 1/12 of its side), as far as drawing one sample per pixel does not bring it in.
+    block (variance 1/12 of its side), less what one rendered sample per pixel already contributes.
     """
     if scale == 1.0:
         return model

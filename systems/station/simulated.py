@@ -1,6 +1,6 @@
-"""The station in its `sim` form: robot, grippers, head, cameras and cloth, all simulated.
+"""Station in its `sim` form: robot, grippers, head, cameras and cloth are simulated.
 
-The ports are those of `systems.ports`; besides, simulation alone tells the truth:
+The ports are those of the other forms. In addition, a simulated station has these outputs:
 
 ==================  ==============================================================
 output              meaning
@@ -20,11 +20,11 @@ from unwrinkle.models.robot import Cell
 from unwrinkle.perception.stereo.head import StereoHead
 from unwrinkle.simulation.arms.trajectory_player import PlayerSettings
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
-from unwrinkle.systems.station.arm_controller import ArmController
+from unwrinkle.systems.station.arm_controller import ArmControllerSystem
 from unwrinkle.systems.station.world import (
-    Controls,
     ControlsBuilder,
     SimulatedStation,
+    StationControls,
     StationFaults,
     World,
     start_posture,
@@ -45,18 +45,18 @@ def build_sim_station(
     """Build the simulated station, a diagram called "station".
 
     Args:
-        cell: its scenario states the clocks, the sensor and the garment's texture.
-        cloth: the solver of what lies on the table.
-        state: how it lies at the start.
-        head: the true stereo head.
-        seed: of the head's rest errors, the cloth's fibres and the pictures' noise.
-        start: (13,) posture of the axes, rad; home if left out.
-        faults: what shall go wrong; nothing if left out.
-        player: settings of the arms' controller.
+        cell: robot and cell; its scenario states the periods, the sensor and the garment's texture.
+        cloth: solver of the cloth.
+        state: initial state of the cloth.
+        head: true stereo head.
+        seed: seed of the head's rest errors, the texture and the images' noise.
+        start: (13,) initial posture of the axes, rad; home if left out.
+        faults: faults to simulate; none if left out.
+        player: settings of the arms' controller; the defaults if left out.
 
     Raises:
-        InputError: a start that is no posture or beyond the limits, clocks that are no multiples of
-            the cloth's time step, an unknown texture, sensor or fault.
+        InputError: the start is no posture or beyond the limits, a period is no multiple of the
+            cloth's time step, or a texture, sensor or fault is unknown.
     """
     return SimulatedStation(
         cell,
@@ -71,12 +71,15 @@ def build_sim_station(
 
 
 def _controls(player: PlayerSettings | None) -> ControlsBuilder:
-    """Within one process: the trajectory player drives the axes, and commands go straight to the machines."""
+    """Return a builder of direct controls.
 
-    def build(builder: DiagramBuilder, world: World) -> Controls:
+    The trajectory player drives the axes, commands go to the simulated devices.
+    """
+
+    def build(builder: DiagramBuilder, world: World) -> StationControls:
         settings = world.cell.scenario.station
         controller = builder.AddSystem(
-            ArmController(
+            ArmControllerSystem(
                 world.cell,
                 world.start,
                 step=settings.plant_step,
@@ -87,7 +90,7 @@ def _controls(player: PlayerSettings | None) -> ControlsBuilder:
         measured = world.measured
         for name in ("position", "velocity"):
             builder.Connect(measured[name], controller.GetInputPort(name))
-        return Controls(
+        return StationControls(
             inputs={
                 "trajectory": controller.GetInputPort("trajectory"),
                 "gripper.command": world.grippers.GetInputPort("command"),

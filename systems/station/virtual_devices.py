@@ -1,4 +1,7 @@
-"""The devices of the loopback station: they speak the real protocols on one side, and drive the simulated machines on the other."""
+"""Virtual devices of the loopback station.
+
+They connect the real protocols with the simulated machines.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,7 +24,7 @@ from unwrinkle.systems.station.head import HeadStatus
 
 @dataclass(frozen=True, eq=False)
 class _Axes(Shared):
-    """What the axes are told by the controller, (13,) each, rad and rad/s; the jaws it commands."""
+    """Commanded positions (13,) rad, velocities (13,) rad/s, and grippers."""
 
     positions: Array
     velocities: Array
@@ -29,12 +32,14 @@ class _Axes(Shared):
 
 
 class VirtualControllerSystem(LeafSystem):
-    """The virtual controller with its server: its joints drive the plant, its outputs the grippers.
+    """Run the virtual controller with its server.
 
-    Inputs: `position` and `velocity` (13,) of the plant; `number` (1,) of the trajectory that runs, for the log;
-    `grippers` (`GripperStatus`) of the jaws, which its inputs tell.
-    Outputs: `desired` (26,) for the servos, in the order of `connect_servos`; `reference` (14,) for the motion log;
-    `gripper_command` for the jaws.
+    Its joints drive the plant, its outputs the grippers.
+
+    Inputs: `position` and `velocity` (13,) of the plant; `number` (1,) of the running trajectory,
+    for the log; `grippers` (`GripperStatus`), which sets the controller's inputs. Outputs:
+    `desired` (26,) for the servos, in the order of `connect_servos`; `reference` (14,) for the
+    motion log; `gripper_command` for the grippers.
     """
 
     def __init__(
@@ -45,13 +50,15 @@ class VirtualControllerSystem(LeafSystem):
         *,
         period: float,
     ) -> None:
-        """Drive the plant.
+        """Connect the virtual controller to the plant.
 
         Args:
-            controller: of the server.
-            grippers: which outputs close them, which inputs tell it.
-            poll: moves the server on to a time (s) with the plant's positions and velocities.
-            period: of the interpolation, s.
+            controller: virtual controller of the server.
+            grippers: addresses of the outputs that close the grippers and of the inputs that report
+                them.
+            poll: function that advances the server to a time (s) with the plant's positions and
+                velocities.
+            period: interpolation period, s.
         """
         super().__init__()
         self.set_name("virtual controller")
@@ -81,14 +88,14 @@ class VirtualControllerSystem(LeafSystem):
         return _Axes(controller.axis_positions, controller.axis_velocities, jaws)
 
     def _update(self, context: Context, state: State) -> None:
-        self._tell_inputs(self._status.Eval(context))
+        self._set_inputs(self._status.Eval(context))
         self._poll(context.get_time(), self._position.Eval(context), self._velocity.Eval(context))
         jaws, closed = self._now(context).jaws, self._commanded()
         if closed != jaws.closed:
             jaws = GripperCommand(jaws.number + 1, closed)
         set_state_value(state, self._state, self._axes(jaws))
 
-    def _tell_inputs(self, status: GripperStatus) -> None:
+    def _set_inputs(self, status: GripperStatus) -> None:
         site, inputs = self._grippers, self._controller.inputs
         for addresses, bits in (
             (site.closed_input, status.closed),
@@ -106,15 +113,15 @@ class VirtualControllerSystem(LeafSystem):
 
     def _desired(self, context: Context, output: BasicVector) -> None:
         q, v = self._now(context).positions, self._now(context).velocities
-        wanted = (q[:1], v[:1], q[1:7], v[1:7], q[7:], v[7:])
-        output.SetFromVector(np.concatenate(wanted))
+        desired = (q[:1], v[:1], q[1:7], v[1:7], q[7:], v[7:])
+        output.SetFromVector(np.concatenate(desired))
 
     def _reference(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(np.append(self._now(context).positions, self._number.Eval(context)))
 
 
 def unit_settings(unit: PanTiltUnit) -> UnitSettings:
-    """What a virtual unit says of itself, to be the unit of a calibrated head."""
+    """Return settings of a virtual unit with the step and limits of a calibrated unit."""
     arcseconds = float(np.degrees(unit.step)) * 3600.0
     pan, tilt = (
         (ceil(low / unit.step - 1e-9), floor(high / unit.step + 1e-9))
@@ -124,7 +131,7 @@ def unit_settings(unit: PanTiltUnit) -> UnitSettings:
 
 
 class _Mechanics:
-    """A pan-tilt unit's motors, which are those of the simulated head: steps in, steps out."""
+    """Motors of a virtual pan-tilt unit in steps, driven by the simulated head."""
 
     def __init__(self, position: tuple[int, int]) -> None:
         self.at = position
@@ -138,13 +145,16 @@ class _Mechanics:
 
 
 class VirtualPanTiltSystem(LeafSystem):
-    """Two virtual pan-tilt units on pseudo-terminals, whose motors are the simulated head's.
+    """Run two virtual pan-tilt units on pseudo-terminals.
 
-    Inputs: `status` (`HeadStatus`) of the head's mechanics. Outputs: `command` (`HeadCommand`) for it.
+    Their motors are those of the simulated head.
+
+    Inputs: `status` (`HeadStatus`) of the head's mechanics. Outputs: `command` (`HeadCommand`) for
+    the mechanics.
 
     Attributes:
-        ports: the units' ends of the lines, left and right.
-        units: what speaks there, left and right.
+        ports: pseudo-terminals of the units, left and right.
+        units: virtual units at these ports, left and right.
     """
 
     def __init__(
@@ -155,13 +165,13 @@ class VirtualPanTiltSystem(LeafSystem):
         *,
         period: float,
     ) -> None:
-        """Open both lines.
+        """Open both pseudo-terminals.
 
         Args:
             steps: angle of one step of the left and the right unit, rad.
-            start: (4,) angles at the start: left pan, tilt, right pan, tilt, rad.
-            make: a unit with given mechanics.
-            period: of polls, s.
+            start: (4,) initial angles: left pan, tilt, right pan, tilt, rad.
+            make: function that builds a unit with given mechanics.
+            period: polling period, s.
         """
         super().__init__()
         self.set_name("virtual pan-tilt units")
@@ -182,12 +192,12 @@ class VirtualPanTiltSystem(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
 
     def poll(self, now: float) -> None:
-        """Answer what has come."""
+        """Answer the commands that have arrived."""
         for port, unit in zip(self.ports, self.units, strict=True):
             port.poll(unit, now)
 
     def close(self) -> None:
-        """Close both lines."""
+        """Close both pseudo-terminals."""
         for port in self.ports:
             port.close()
 

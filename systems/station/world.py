@@ -1,6 +1,9 @@
-"""What every simulated station shares: the robot's bodies and motors, the cloth, the cameras, and the truth.
+"""Simulated part that the `sim` and `loopback` stations share.
 
-A form of the station adds its controls: what takes the commands of the ports and drives the machines.
+Bodies and motors, cloth, cameras, `truth` outputs.
+
+Each form of the station adds its controls: the systems that receive the commands at the ports and
+drive the machines.
 """
 
 import math
@@ -26,7 +29,7 @@ from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.outlines import outline
 from unwrinkle.systems.station.arm_plant import (
     ArmPlant,
-    ToolPoses,
+    ToolPosesSystem,
     add_selections,
     build_arm_plant,
     connect_servos,
@@ -40,11 +43,11 @@ from unwrinkle.systems.station.motion_log import MotionLog
 
 @dataclass(frozen=True)
 class StationFaults:
-    """What shall go wrong, for tests of what notices it.
+    """Faults to simulate, for tests of their detection.
 
     Attributes:
-        misses: which closings of the grippers (the first is 1) fail to catch cloth.
-        cameras: which exposures (the first is 1) fail, and how: see `camera_system.FAULTS`.
+        misses: numbers of the gripper closings, from 1, that fail to catch cloth.
+        cameras: fault of each failing exposure by its number, from 1; see `cameras.FAULTS`.
     """
 
     misses: frozenset[int] = frozenset()
@@ -53,14 +56,14 @@ class StationFaults:
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """What the controls find.
+    """Simulated machines that the controls drive.
 
     Attributes:
-        cell: the robot in its cell.
-        start: (13,) posture of the axes, rad.
-        measured: the plant's own ports, see `add_selections`.
-        grippers: the jaws' mechanics.
-        units: the pan-tilt units' mechanics.
+        cell: robot and cell.
+        start: (13,) initial posture of the axes, rad.
+        measured: output ports of the plant, see `add_selections`.
+        grippers: mechanics of the grippers.
+        units: mechanics of the pan-tilt units.
     """
 
     cell: Cell
@@ -71,15 +74,17 @@ class World:
 
 
 @dataclass(frozen=True, eq=False)
-class Controls:
-    """What a form of the station adds.
+class StationControls:
+    """Ports of the controls that a form of the station adds.
 
     Attributes:
-        inputs: by the station's names (see `ports`): trajectory, speed_override, gripper.command, head.command.
-        outputs: by the station's names: joints, controller, grippers, head.
-        desired: (26,) of the axes' servos.
-        reference: (14,) of the motion log: what the controller asks of the axes, and the trajectory's number.
-        head: `HeadStatus` that the cameras go by.
+        inputs: by the station's port names: trajectory, speed_override, gripper.command,
+            head.command.
+        outputs: by the station's port names: joints, controller, grippers, head.
+        desired: (26,) desired states of the axes' servos.
+        reference: (14,) for the motion log: reference positions of the axes, and number of the
+            trajectory.
+        head: `HeadStatus` that triggers the cameras.
     """
 
     inputs: Mapping[str, InputPort]
@@ -89,16 +94,16 @@ class Controls:
     head: OutputPort
 
 
-ControlsBuilder = Callable[[DiagramBuilder, World], Controls]
+ControlsBuilder = Callable[[DiagramBuilder, World], StationControls]
 
 
 class SimulatedStation(Diagram):
-    """A station whose robot, head, cameras and cloth are simulated.
+    """Station whose robot, head, cameras and cloth are simulated.
 
     Attributes:
-        cloth: the cloth's solver, for the meaning of `truth.cloth`.
-        motion_log: the measured motion; give it the root context.
-        plant: the robot's plant, for limits and names.
+        cloth: solver of the cloth, which interprets `truth.cloth`.
+        motion_log: measured motion; its methods take the root context.
+        plant: plant of the robot, for limits and names.
     """
 
     def __init__(
@@ -113,7 +118,7 @@ class SimulatedStation(Diagram):
         faults: StationFaults,
         controls: ControlsBuilder,
     ) -> None:
-        """See `sim_station.build_sim_station` and `loopback_station.build_loopback_station`."""
+        """Build the diagram; see `build_sim_station` and `build_loopback_station`."""
         super().__init__()
         self.cloth = cloth
         builder = DiagramBuilder()
@@ -135,7 +140,7 @@ class SimulatedStation(Diagram):
         builder.AddSystem(grippers)
         builder.AddSystem(units)
         added = controls(builder, World(cell, start, measured, grippers, units))
-        tools, sheet = ToolPoses(arm), ClothSystem(cloth, state, period=settings.cloth_step)
+        tools, sheet = ToolPosesSystem(arm), ClothSystem(cloth, state, period=settings.cloth_step)
         cameras = CameraSystem(cell, cloth, state, head, seed=seed, faults=faults.cameras)
         builder.AddSystem(tools)
         builder.AddSystem(sheet)
@@ -172,10 +177,10 @@ class SimulatedStation(Diagram):
         self.motion_log = _logged(builder, measured, added.reference, settings.plant_step)
         builder.BuildInto(self)
         self.set_name("station")
-        self._stand(arm, start, units)
+        self._set_start(arm, start, units)
 
-    def _stand(self, arm: ArmPlant, start: Array, units: HeadSystem) -> None:
-        """Let every default context begin in the start posture, the head where its unit has it."""
+    def _set_start(self, arm: ArmPlant, start: Array, units: HeadSystem) -> None:
+        """Set the start posture and the head's reported angles in every default context."""
         context = units.CreateDefaultContext()
         angles = units.GetOutputPort("position").Eval(context)
         plant = arm.plant
@@ -185,28 +190,29 @@ class SimulatedStation(Diagram):
 
 
 def simulated_cloth(cell: Cell) -> Cloth:
-    """The garment of the scenario on the cell's working table.
+    """Build the solver of the scenario's garment on the cell's table.
 
     Raises:
-        InputError: an unknown outline or material, or a garment that is bigger than the table.
+        InputError: the outline or material is unknown, or the garment is larger than the table.
     """
     garment, table = cell.scenario.station.garment, cell.table
     shape = outline(garment.outline, garment.nodes)
     size = shape.spacing * (np.array(shape.mask.shape) - 1)
     if np.any(size > np.array(table.size)):
         raise InputError(
-            f"a {garment.outline} of {size[0]:.2f} x {size[1]:.2f} m is bigger than the table of "
-            f"{table.size[0]:.2f} x {table.size[1]:.2f} m; choose a smaller garment or another table"
+            f"a {garment.outline} of {size[0]:.2f} x {size[1]:.2f} m is larger than the table of "
+            f"{table.size[0]:.2f} x {table.size[1]:.2f} m; choose a smaller garment or another "
+            "table"
         )
     return Cloth(shape, load_material(garment.material), table)
 
 
 def start_posture(cell: Cell, cloth: Cloth, start: NDArray[np.floating] | None) -> Array:
-    """Check what a simulated station begins with, and return the start (13,), rad; home if left out.
+    """Check the start of a simulated station and return its posture (13,), rad; home if left out.
 
     Raises:
-        InputError: a start that is no posture or beyond the limits, or clocks that are no multiples of
-            the cloth's time step.
+        InputError: the start is no posture or beyond the limits, or a period is no multiple of the
+            cloth's time step.
     """
     limits = cell.limits
     posture = np.array(cell.robot.named_states["home"] if start is None else start, dtype=float)

@@ -21,7 +21,7 @@ from unwrinkle.simulation.controllers.controller import (
     VirtualControllerSettings,
 )
 from unwrinkle.simulation.controllers.server import ControllerServer, ServerFault
-from unwrinkle.systems.station.lockstep import MOST_ANSWERS
+from unwrinkle.systems.station.lockstep import MAX_REQUESTS_PER_STEP
 
 TrajectoryMaker = Callable[..., Trajectory]
 
@@ -124,7 +124,7 @@ class Rig:
             )
             self.server.poll(self.time, self.measured)
             self._arrive(self.server.links, self.driver.links)
-        for _ in range(MOST_ANSWERS if serve else 1):
+        for _ in range(MAX_REQUESTS_PER_STEP if serve else 1):
             before = self._asked()
             self.driver.poll(self.time)
             self._arrive(self.driver.links, self.server.links)

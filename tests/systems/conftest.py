@@ -1,4 +1,4 @@
-"""A simulated station with hands on its ports."""
+"""Stations with test inputs at their ports."""
 
 import dataclasses as dc
 import threading
@@ -94,7 +94,7 @@ class Bench:
 
 @pytest.fixture(scope="session")
 def station_cell() -> Cell:
-    """The shipped cell with the smallest pictures."""
+    """Return the shipped cell with the smallest pictures."""
     scenario = load_scenario()
     scenario.sensor.scale = 0.125
     return load_cell(scenario)
@@ -102,7 +102,7 @@ def station_cell() -> Cell:
 
 @pytest.fixture
 def make_bench(station_cell: Cell) -> Callable[..., Bench]:
-    """Stations of that cell, with options of `build_sim_station`."""
+    """Return a function that builds stations of that cell."""
 
     def make(cell: Cell = station_cell, **options: Any) -> Bench:
         return Bench(cell, **options)
@@ -117,7 +117,7 @@ def bench(make_bench: Callable[..., Bench]) -> Bench:
 
 @pytest.fixture
 def swing() -> Callable[..., Trajectory]:
-    """A smooth motion of one axis from a posture (13,), rad, and back to rest."""
+    """Return a smooth motion of one axis from a posture (13,), rad, that ends at rest."""
     return _swing
 
 
@@ -131,7 +131,7 @@ def _swing(start: Array, axis: int = 1, way: float = 0.4, duration: float = 1.0)
 
 
 class Rig(Bench):
-    """A station of any form, whose commands are numbered and answered in their own time."""
+    """Station of any form with numbered commands."""
 
     def __init__(self, form: str, cell: Cell, folder: Path) -> None:
         self._form, self._devices = form, None
@@ -193,7 +193,7 @@ class Rig(Bench):
 
 
 class Devices:
-    """Virtual equipment in a thread of its own, in real time, and a folder of pairs."""
+    """Run virtual equipment in a thread, in real time, with a folder of pairs."""
 
     def __init__(self, cell: Cell, folder: Path) -> None:
         site = loopback_site()
@@ -224,5 +224,5 @@ class Devices:
 
 @pytest.fixture
 def make_rig(station_cell: Cell) -> Callable[..., Rig]:
-    """Stations of every form; a folder of pairs is what a real camera sees."""
+    """Return a function that makes stations of every form; a folder of pairs replaces real cameras."""
     return lambda form, folder: Rig(form, station_cell, folder)

@@ -1,4 +1,4 @@
-"""The diagram: named systems, wired as the architecture says, computing only what is asked for."""
+"""The diagram: named systems, connected as documented, evaluated on demand."""
 
 import copy
 import dataclasses as dc
@@ -39,7 +39,7 @@ OUTPUTS = {
 
 
 class BareStation(LeafSystem):
-    """The ports of a station, and nothing behind them."""
+    """Station with ports and without function."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -77,7 +77,7 @@ def stereo() -> Iterator[tuple[Diagram, BareStation]]:
 
 def test_systems_and_connections(stereo: tuple[Diagram, BareStation]) -> None:
     found = links(stereo[0])
-    wanted = (*flattening_diagram.WIRES, *flattening_diagram.PICTURES["stereo"])
+    wanted = (*flattening_diagram.WIRES, *flattening_diagram.IMAGE_WIRES["stereo"])
     assert {dc.astuple(link) for link in found} == set(wanted) and len(found) == len(wanted)
     names = {system.get_name() for system in stereo[0].GetSystems()}
     assert names == {"station", "perception", "analysis", "planner", "verification", "supervisor"}
@@ -148,9 +148,9 @@ def test_pictures_are_matched_once_per_exposure(
         (
             station_messages.HeadImage(1),
             station_messages.HeadImage(1, reason="x"),
-            "left camera returned nothing",
+            "left camera returned no image",
         ),
-        (station_messages.HeadImage(2), station_messages.HeadImage(1), "answer different commands"),
+        (station_messages.HeadImage(2), station_messages.HeadImage(1), "belong to different looks"),
         (
             station_messages.HeadImage(3, np.zeros((40, 60, 3), np.uint8)),
             station_messages.HeadImage(3, np.zeros((40, 60, 3), np.uint8)),

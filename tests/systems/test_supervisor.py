@@ -1,4 +1,4 @@
-"""The supervisor in a small world: a station that does what it is told, and scripted sights, plans and verdicts."""
+"""The supervisor with a fake station and scripted observations, plans and verdicts."""
 
 import dataclasses as dc
 import math
@@ -22,7 +22,7 @@ from unwrinkle.perception.stereo.head_file import nominal_calibration
 from unwrinkle.perception.target import FlatteningTarget, HandTarget, NoTarget
 from unwrinkle.planning.plan import GripperEvent, Segment
 from unwrinkle.planning.trajectory import Trajectory
-from unwrinkle.systems.supervisor import FlatteningSupervisor
+from unwrinkle.systems.supervisor import FlatteningSupervisorSystem
 
 HOME = np.linspace(-0.3, 0.4, 13)
 BIG = (0.10, 12.0, 0.020, 0.012)  # place, volume score, pull, height
@@ -38,7 +38,7 @@ def trajectory(first: float, last: float) -> Trajectory:
 
 
 def plan_of(name: str) -> Any:
-    """All that execution needs of a plan."""
+    """Return a fake plan with the attributes that execution uses."""
     names = ("approach", "pull", "release")
     moves = [trajectory(0.0, 0.2), trajectory(0.2, 0.3), trajectory(0.3, 0.0)]
     return SimpleNamespace(
@@ -54,7 +54,7 @@ def plan_of(name: str) -> Any:
 
 
 def target_at(place: float) -> FlatteningTarget:
-    """A target whose wrinkle is at a place along x."""
+    """Return a target whose wrinkle is at a place along x."""
     along = np.array([1.0, 0.0])
     hands = tuple(
         HandTarget(
@@ -66,7 +66,7 @@ def target_at(place: float) -> FlatteningTarget:
 
 
 def observation_of(wrinkles: tuple[tuple[float, float, float, float], ...]) -> Any:
-    """All that the supervisor needs of an observation."""
+    """Return a fake observation with the attributes that the supervisor uses."""
     seen = tuple(
         WrinkleFeatures(index, (place, -1.1), 0.0, math.exp(score), pull, height, 0.1, 1.0)
         for index, (place, score, pull, height) in enumerate(wrinkles)
@@ -87,7 +87,7 @@ def observation_of(wrinkles: tuple[tuple[float, float, float, float], ...]) -> A
 
 @dc.dataclass
 class Script:
-    """What happens: sights look by look (a text is a failure), and what goes wrong."""
+    """Script: observations look by look (a text is a failure), and faults."""
 
     sights: tuple[Any, ...]
     planless: frozenset[tuple[int, str]] = frozenset()
@@ -121,7 +121,7 @@ class World:
 
 
 class FakeStation(LeafSystem):
-    """A station, and perception, planner and verification by the script."""
+    """Fake station, perception, planner and verification that follow a script."""
 
     def __init__(self, script: Script) -> None:
         super().__init__()
@@ -205,7 +205,7 @@ class FakeStation(LeafSystem):
         return self.script.sights[min(world.exposed, len(self.script.sights)) - 1]
 
     def wrinkle(self, request: PlanRequest) -> int:
-        """Which of the wrinkles of the world a request is about; -1 before the first."""
+        """Return the index of the requested wrinkle; -1 before the first request."""
         if isinstance(request.target, NoTarget):
             return -1
         places = [float(target_at(place).p_WC[0]) for place in (BIG[0], SMALL[0])]
@@ -247,7 +247,9 @@ class Run:
         cell: Cell = load_cell(scenario)
         head = nominal_calibration().stereo_head(cell.limits.head)
         builder = DiagramBuilder()
-        self.supervisor = builder.AddNamedSystem("supervisor", FlatteningSupervisor(cell, head))
+        self.supervisor = builder.AddNamedSystem(
+            "supervisor", FlatteningSupervisorSystem(cell, head)
+        )
         station = builder.AddNamedSystem("station", FakeStation(script))
         for port in (station.get_output_port(i) for i in range(station.num_output_ports())):
             builder.Connect(port, self.supervisor.GetInputPort(port.get_name()))
@@ -266,7 +268,7 @@ class Run:
     def until(
         self, over: Callable[[SupervisorState], bool] = lambda now: now.over
     ) -> SupervisorState:
-        """Advance until something holds; every mode on the way is noted."""
+        """Advance until a condition holds; record every mode on the way."""
         step = 0
         while not over(self.now()):
             step += 1

@@ -1,4 +1,4 @@
-"""Fixtures of the tests of pages and pictures: a plan that waves its arms, and a whole run."""
+"""Fixtures of the tests of pages and pictures: a synthetic plan and a synthetic run."""
 
 import dataclasses as dc
 import sys
@@ -71,7 +71,7 @@ def _garment(n: int = 12) -> GarmentSurface:
 def _plan(
     cell: Cell, *, stretch: float = 1.0, garment: GarmentSurface | None = None
 ) -> FlatteningPlan:
-    """A plan that waves its arms from home and back, each segment of the duration 1 s * stretch."""
+    """Return a plan of sine motions from home and back, with segments of 1 s * stretch."""
     times = stretch * np.linspace(0.0, 1.0, 41)
     s, v = np.linspace(0.0, 1.0, 41), 1.0 / stretch
     rise, slope = s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s) * v
@@ -139,7 +139,7 @@ def plan(waving_plan: Callable[..., FlatteningPlan]) -> FlatteningPlan:
 
 @dataclass(frozen=True)
 class SyntheticRun:
-    """Towels that lose one ridge per action; what was seen, planned and done about each."""
+    """Synthetic run: towels that lose one ridge per action, with all records."""
 
     cell: Cell
     towels: tuple[Towel, ...]
@@ -148,7 +148,7 @@ class SyntheticRun:
     verdicts: tuple[Verdict, ...]
 
     def write(self, path: Path, *, nodes: int = 20, status: str = "flat") -> RunFolder:
-        """Write the run's folder; with the status "running" as a killed run leaves it, in its last action."""
+        """Write the run's folder; the status "running" leaves the last action incomplete."""
         settings = RunSettings(
             garment="towel",
             texture="terry",
@@ -237,7 +237,7 @@ def motion_along(
     rest: NDArray[np.float64],
     begin: float,
 ) -> MotionRecord:
-    """A motion that follows a plan; the first towel becomes the second while the plan pulls."""
+    """Return a motion that follows a plan; the first towel becomes the second during the pull."""
     playback = Playback(plan, cell)
     times = np.arange(0.0, playback.duration, 0.025)
     positions = np.array([playback.positions(t) for t in times])
@@ -271,7 +271,7 @@ def motion_along(
 
 
 def chosen(analysis: Analysis) -> Choice | NoChoice:
-    """What the closed loop would do about it, by the shipped rules."""
+    """Return the closed loop's choice by the shipped rules."""
     return choose(Observation.of(analysis), PolicyState(), LoopSettings())
 
 
@@ -307,7 +307,7 @@ def synthetic_run(cell: Cell) -> SyntheticRun:
 
 @pytest.fixture
 def main(monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
-    """The command line, called with a command and its options; returns the exit code."""
+    """Return a function that runs the command line and returns the exit code."""
 
     def run(*arguments: str | Path) -> int:
         monkeypatch.setattr(sys, "argv", ["unwrinkle", *map(str, arguments)])

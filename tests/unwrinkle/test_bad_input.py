@@ -22,7 +22,7 @@ TOWEL = model_file("captures/towel.npz")
 
 @pytest.fixture
 def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
-    """Run a command in an empty folder; gives the exit code and what stood on stderr."""
+    """Run a command in an empty folder; return the exit code and stderr."""
     monkeypatch.chdir(tmp_path)
 
     def call(*arguments: object) -> tuple[int, str]:
@@ -37,7 +37,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp
 
 
 def refused(run: Run, code: int, *arguments: object) -> str:
-    """The one line with which a command ends; nothing may be written."""
+    """Return the single line of the error; nothing may be written."""
     before = sorted(Path().rglob("*"))
     got, message = run(*arguments)
     assert got == code, message
@@ -53,13 +53,13 @@ def depth_png(name: str, depth: np.ndarray) -> Path:
 
 
 def table(rows: int = 480, columns: int = 640) -> np.ndarray:
-    """An empty table seen from 1 m, with a little noise, mm."""
+    """Return the depth of an empty table from 1 m, with noise, mm."""
     rng = np.random.default_rng(0)
     return np.round(1000 + rng.normal(0.0, 1.0, (rows, columns)))
 
 
 def garment(depth: np.ndarray) -> np.ndarray:
-    """A thick cloth with a fold in the middle of a depth image, mm."""
+    """Return a depth image with a folded thick cloth in the middle, mm."""
     out = depth.copy()
     rows, columns = np.mgrid[0 : depth.shape[0], 0 : depth.shape[1]]
     cloth = (np.abs(rows - 240) < 110) & (np.abs(columns - 320) < 110)
@@ -140,7 +140,7 @@ def test_bad_options(run):
 
 
 def moved(name: str, x: float, y: float) -> Path:
-    """The shipped towel, seen by a camera that stands elsewhere."""
+    """Return a capture of the shipped towel with another camera pose."""
     header, arrays = load_archive(TOWEL)
     pose = arrays["X_WC"].copy()
     pose[:2, 3] += [x, y]

@@ -111,5 +111,5 @@ def test_installed_command_reports_bad_input(tmp_path: Path) -> None:
         result = _run(*start, "bench", "no-such", cwd=tmp_path)
         assert result.returncode == 2
         assert result.stdout == ""
-        assert result.stderr.startswith("unwrinkle: no benchmark is called 'no-such'")
+        assert result.stderr.startswith("unwrinkle: there is no benchmark 'no-such'")
         assert result.stderr.count("\n") == 1

@@ -1,4 +1,4 @@
-"""What a motion was, against what was planned and verified: errors, clearances and limits of the measured joints."""
+"""Compare a measured motion with its plan: tracking errors, clearances and limits."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -19,23 +19,25 @@ from unwrinkle.planning.verification.motion import Leg
 from unwrinkle.planning.verification.verdict import NEAR_BY_DESIGN, Findings
 from unwrinkle.planning.verification.verifier import cell_model
 
-#: Lags up to this are told from errors, s, sought in steps of this first.
-LONGEST_LAG, LAG_STEP = 0.100, 0.004
-#: A measured axis may exceed a limit by this share: measurements are not exact.
+#: Maximum lag that is identified, s.
+LONGEST_LAG = 0.100
+#: Step of the coarse search for the lag, s.
+LAG_STEP = 0.004
+#: Share by which a measured axis may exceed a limit, to allow for errors of measurement.
 TOLERANCE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredSegment:
-    """One segment of a plan as it was run, on its own clock.
+    """One segment of a plan as executed, on its own clock.
 
     Attributes:
-        name: of the plan's segment.
-        times: (n,) s, increasing; 0 is the segment's begin.
+        name: name of the plan's segment.
+        times: (n,) s, increasing; 0 is the segment's start.
         positions: (n, 13) measured, rad.
         velocities: (n, 13) measured, rad/s.
-        reference: (n, 13) what the controller asked for at these times, rad.
-        openings: (n, 2) measured distance between the blades, m.
+        reference: (n, 13) reference positions of the controller at these times, rad.
+        openings: (n, 2) measured openings of the grippers, m.
 
     Raises:
         InputError: shapes disagree, time does not increase, or a value is not finite.
@@ -59,23 +61,26 @@ class MeasuredSegment:
                     f"measured {self.name}: {name} {value.shape} must be ({count}, {width}), finite"
                 )
         if count < 2 or not np.isfinite(self.times).all() or np.any(np.diff(self.times) <= 0.0):
-            raise InputError(f"measured {self.name}: needs two times or more, increasing")
+            raise InputError(
+                f"measured {self.name}: at least two increasing, finite times are needed, got "
+                f"{count}"
+            )
 
 
 @dataclass(frozen=True)
 class ExecutionCheck:
-    """How well a motion kept to its plan.
+    """Deviation of a motion from its plan.
 
     Attributes:
-        lag: largest by which the joints followed what was asked of them in a segment, s; one for all axes.
+        lag: largest lag of a segment behind its reference, s; one value for all axes.
         error: largest difference at the same time, rad.
-        error_after_lag: largest difference once each segment's lag is taken out, rad.
-        worst_axis: where that is.
-        grip_distance_error: largest difference of the grippers' distance from the plan's at the same
-            place of the path while both hold, m; 0 where they never do.
-        clearance: smallest distance between bodies that must not meet, m; None where none came near.
-        clearance_pair: their names.
-        violations: limits of position and velocity, or clearances, that were broken.
+        error_after_lag: largest difference after each segment's lag is removed, rad.
+        worst_axis: axis of that difference.
+        grip_distance_error: largest difference between the measured and the planned distance of the
+            grippers, at the same place of the path while both hold cloth, m; 0 if they never do.
+        clearance: smallest distance between bodies that must not touch, m; None if none came near.
+        clearance_pair: names of these bodies.
+        violations: violated limits of position and velocity, and violated clearances.
     """
 
     lag: float
@@ -88,7 +93,7 @@ class ExecutionCheck:
     violations: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """Plain numbers and strings."""
+        """Return plain numbers and strings."""
         return asdict(self)
 
 
@@ -98,16 +103,16 @@ def check_execution(
     """Compare a measured motion with its plan.
 
     Args:
-        plan: what was run.
-        cell: where.
-        measured: its segments, or the first of them where it was broken off; a segment that is none of the plan's
-            (a way back) is checked for clearances and limits, and for how it was followed.
+        plan: plan that was executed.
+        cell: robot and cell.
+        measured: executed segments; a segment that is not in the plan (a retreat) is checked for
+            clearances and limits, and for its tracking.
 
     Raises:
         InputError: nothing was measured.
     """
     if not measured:
-        raise InputError("no measured motion to check")
+        raise InputError("there is no measured motion to check")
     lags, each = zip(*map(_following, measured), strict=True)
     errors = np.max(each, axis=0)
     same_time = max(float(np.abs(m.positions - m.reference).max()) for m in measured)
@@ -142,7 +147,7 @@ def check_execution(
 
 
 def _following(m: MeasuredSegment) -> tuple[float, Array]:
-    """The lag that leaves a segment's smallest error, s, and the errors per axis (13,) then, rad."""
+    """Return the lag that minimises a segment's error, s, and the errors left (13,), rad."""
     asked = CubicSpline(m.times, m.reference)
 
     def errors(lag: float) -> Array:
@@ -152,7 +157,8 @@ def _following(m: MeasuredSegment) -> tuple[float, Array]:
     def worst(lag: float) -> float:
         return float(errors(lag).max())
 
-    # The error has one minimum, but is flat where the motion is over: a coarse grid first.
+    # The error has one minimum, but is constant where the motion is over: search a coarse grid
+    # first.
     grid = np.arange(0.0, LONGEST_LAG, LAG_STEP)
     best = float(min(grid, key=worst))
     bounds = (max(0.0, best - LAG_STEP), best + LAG_STEP)
@@ -162,11 +168,11 @@ def _following(m: MeasuredSegment) -> tuple[float, Array]:
 
 
 def _leg(m: MeasuredSegment, segment: Segment | None) -> Leg:
-    """A measured segment as the verification looks at motion; its contact window is the plan's."""
+    """Convert a measured segment to a leg of the verification, with the plan's contact window."""
     contact = None
     if segment is not None and segment.contact[1] > segment.contact[0]:
         begin, end = segment.contact
-        # The arms lag behind, and rest after the end of a segment that ends in contact.
+        # The arms lag behind, and stay in contact after the end of a segment that ends in contact.
         ends = end >= segment.trajectory.duration - 1e-6
         contact = (begin, float(m.times[-1]) if ends else end + LONGEST_LAG)
     elif segment is None:
@@ -182,7 +188,7 @@ def _leg(m: MeasuredSegment, segment: Segment | None) -> Leg:
 
 
 def _grip_distance_error(model: CellModel, m: MeasuredSegment, X_WT: Array, lag: float) -> float:
-    """Largest difference of the grippers' distance from what was asked of them a lag before."""
+    """Return the largest error of the grippers' distance, with the lag removed, m."""
     late = np.clip(m.times - lag, m.times[0], m.times[-1])
     asked = np.hstack([CubicSpline(m.times, m.reference)(late), m.openings])
     _, X_WT_asked = model.frames(asked)
@@ -200,13 +206,14 @@ def _limit_violations(cell: Cell, measured: Sequence[MeasuredSegment]) -> list[s
         low, high = m.positions.min(axis=0), m.positions.max(axis=0)
         for i in np.flatnonzero((low < limits.lower - room) | (high > limits.upper + room)):
             violations.append(
-                f"{m.name}: {axes[i]} went to {low[i]:.4f} .. {high[i]:.4f} rad, its limits are "
-                f"{limits.lower[i]:.4f} .. {limits.upper[i]:.4f} rad"
+                f"{m.name}: {axes[i]} moved between {low[i]:.4f} and {high[i]:.4f} rad, its limits "
+                "are "
+                f"{limits.lower[i]:.4f} and {limits.upper[i]:.4f} rad"
             )
         fastest = np.abs(m.velocities).max(axis=0)
         for i in np.flatnonzero(fastest > (1.0 + TOLERANCE) * limits.velocity):
             violations.append(
-                f"{m.name}: {axes[i]} ran at {fastest[i]:.3f} rad/s, its limit is "
+                f"{m.name}: {axes[i]} moved at {fastest[i]:.3f} rad/s, its limit is "
                 f"{limits.velocity[i]:.3f} rad/s"
             )
     return violations

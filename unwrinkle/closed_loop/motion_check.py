@@ -1,4 +1,4 @@
-"""How well a recorded motion kept to its plan."""
+"""Compare a recorded motion with its plan."""
 
 import numpy as np
 
@@ -9,16 +9,17 @@ from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.runs.records import MotionRecord, SegmentMark
 
-#: A robot that is this far from where it was has moved, rad.
+#: Displacement above which the robot counts as moved, rad.
 _MOVED = 2e-4
+#: Number of samples of a planned trajectory.
 _FINE = 2001
 
 
 def check_motion(motion: MotionRecord, plan: FlatteningPlan, cell: Cell) -> ExecutionCheck | None:
-    """Compare a recorded motion with the plan that it carried out, or with its approach and the way back.
+    """Compare a recorded motion with its plan, including approach and retreat.
 
     Returns:
-        None where nothing was recorded.
+        None if nothing was recorded.
     """
     parts = [_measured(motion, mark, plan) for mark in motion.segments]
     measured = [part for part in parts if part is not None]
@@ -28,7 +29,7 @@ def check_motion(motion: MotionRecord, plan: FlatteningPlan, cell: Cell) -> Exec
 def _measured(
     motion: MotionRecord, mark: SegmentMark, plan: FlatteningPlan
 ) -> MeasuredSegment | None:
-    """A part of the record on its own clock, beside what the plan wants at each time."""
+    """Extract a segment of the record on its own clock, with the planned positions at each time."""
     inside = (motion.times >= mark.begin) & (motion.times <= mark.end)
     inside[1:] &= np.diff(motion.times) > 0.0
     if np.count_nonzero(inside) < 2:
@@ -39,7 +40,7 @@ def _measured(
     for segment in plan.segments:
         if segment.name == mark.name:
             times -= _delay(times, motion.measured[inside], segment.trajectory)
-            own = times >= 0.0  # before, it rested where the segment before it ended
+            own = times >= 0.0  # earlier the robot rested at the end of the preceding segment
             since = np.clip(times, 0.0, segment.trajectory.duration)
             reference = segment.trajectory.interpolant()(since)
     if np.count_nonzero(own) < 2:
@@ -55,9 +56,9 @@ def _measured(
 
 
 def _delay(times: Array, measured: Array, trajectory: Trajectory) -> float:
-    """From the command to the motion's begin, s: servos are switched on, and multi-group controllers pause.
+    """Return the delay from the command to the start of the motion (servo power, pauses), s.
 
-    The last time at which the robot had not moved yet, against the plan's; what is left is the lag.
+    It compares the last time before the robot moved with that of the plan; what remains is the lag.
     """
     planned = trajectory.interpolant()(np.linspace(0.0, trajectory.duration, _FINE))
     moved = np.abs(measured - measured[0]).max(axis=1) > _MOVED

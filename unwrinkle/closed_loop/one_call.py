@@ -1,9 +1,9 @@
-"""The closed loop as one call."""
+"""Run the closed loop in one call."""
 
 from pathlib import Path
 
-from unwrinkle.closed_loop.run import Ending
-from unwrinkle.closed_loop.session import Choices, begin
+from unwrinkle.closed_loop.run import RunEnding
+from unwrinkle.closed_loop.session import Choices, begin_run
 
 
 def flatten(
@@ -18,28 +18,28 @@ def flatten(
     arms: str | None = None,
     actions: int | None = None,
     station: str | None = None,
-) -> Ending:
-    """Run the closed loop in the simulated cell until the garment is flat, or until there is a reason to stop.
+) -> RunEnding:
+    """Run the closed loop in the simulated cell until the garment is flat or the run stops.
 
-    What is left out comes from the scenario.
+    Options left out are taken from the scenario.
 
     Args:
-        folder: of the run; takes pictures, plans, verdicts, motions, report and replay.
-        scenario: file; the shipped one if left out.
-        seed: of every random choice.
+        folder: folder of the run, for pictures, plans, verdicts, motions, report and replay.
+        scenario: scenario file; the shipped one if left out.
+        seed: seed of all random numbers.
         garment: `towel`, `dishcloth`, `tshirt` or `trousers`.
         start: `bunched`, `ridge`, `pinched`, `dropped` or `flat`.
         sensor: `stereo`, `xtion`, `tof` or `truth`.
-        scale: size of the head's pictures: 1 (16 megapixels), 0.5, 0.25 or 0.125.
+        scale: scale of the head's pictures: 1 (16 megapixels), 0.5, 0.25 or 0.125.
         arms: `any`, `dual` or `single`.
-        actions: most actions.
+        actions: maximum number of actions.
         station: `sim`, or `loopback`: the drivers over real connections, against virtual devices.
 
     Returns:
         How it ended: `status` (flat, stopped, fault, interrupted) and `reason`.
 
     Raises:
-        InputError: bad input, or the folder holds a run already or cannot be written.
+        InputError: an input is bad, or the folder holds a run already or cannot be written.
     """
     choices = Choices(
         garment=garment,
@@ -51,5 +51,5 @@ def flatten(
         actions=actions,
         station=station,
     )
-    session = begin(choices, None if scenario is None else Path(scenario), Path(folder))
+    session = begin_run(choices, None if scenario is None else Path(scenario), Path(folder))
     return session.run()

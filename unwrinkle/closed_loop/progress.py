@@ -1,4 +1,4 @@
-"""Tells the user how a run goes: a line for every stage with its time."""
+"""Print the progress of a run: a line for every stage with its time."""
 
 from collections.abc import Callable
 
@@ -6,7 +6,7 @@ from unwrinkle.closed_loop.run import Seconds
 from unwrinkle.closed_loop.station_view import StationView
 from unwrinkle.flattening.state import Mode, SupervisorState
 
-#: What is going on in a state, for the line that moves.
+#: Activity in each state, for the status line.
 DOING = {
     Mode.LOOK: "looking",
     Mode.PERCEIVE: "matching the pair and finding wrinkles",
@@ -20,22 +20,22 @@ DOING = {
 }
 
 
-class Progress:
-    """A watcher that says what happens."""
+class ProgressWatcher:
+    """Watcher that prints the progress."""
 
     def __init__(self, say: Callable[[str], None], doing: Callable[[str], None]) -> None:
-        """Say it where the caller wants it.
+        """Set the two outputs.
 
         Args:
-            say: takes a finished line.
-            doing: takes what is going on now.
+            say: function that prints a finished line.
+            doing: function that updates the status line.
         """
         self._say, self._doing = say, doing
 
     def update(
         self, before: SupervisorState, now: SupervisorState, station: StationView, seconds: Seconds
     ) -> None:
-        """Say what is new; see `flattening_run.Watcher`."""
+        """Print what is new; see `run.Watcher`."""
         if now.mode == before.mode:
             return
         for line in _lines(before, now, station, seconds):
@@ -54,13 +54,17 @@ def _lines(
         truth = station.truth()
         known = ""
         if truth is not None:
-            known = f" (in truth: coverage {truth['coverage']:.1%}, height {1e3 * truth['height']:.1f} mm)"
+            known = (
+                f" (true coverage {truth['coverage']:.1%}, "
+                f"true height {1e3 * truth['height']:.1f} mm)"
+            )
         return [f"look {action.look}", f"  picture       {spent:6.2f} s{known}"]
     if before.mode == Mode.PERCEIVE and now.mode == Mode.DECIDE:
         return _found(now, seconds)
     if action is before.action or action.look == before.action.look:
         refused = [
-            f"  no plan       {spent:6.2f} s: wrinkle {refusal.wrinkle + 1}, {refusal.arms}: {refusal.reason}"
+            f"  no plan       {spent:6.2f} s: wrinkle {refusal.wrinkle + 1}, {refusal.arms}: "
+            f"{refusal.reason}"
             for refusal in action.refusals[len(before.action.refusals) :]
         ]
         if refused:
@@ -91,7 +95,7 @@ def _found(now: SupervisorState, seconds: Seconds) -> list[str]:
         if wrinkles:
             first = wrinkles[0]
             text += (
-                f", the largest {1e3 * first.height:.1f} mm high asks for a pull of "
+                f", the largest is {1e3 * first.height:.1f} mm high and needs a pull of "
                 f"{1e3 * first.pull:.1f} mm"
             )
         lines.append(f"  wrinkles      {analysed.seconds:6.2f} s: {text}")

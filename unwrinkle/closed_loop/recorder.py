@@ -1,4 +1,7 @@
-"""Writes a run into its folder while it goes on: a look's files as they come, its `action.json` last."""
+"""Write a run into its folder while it goes on.
+
+The files of a look are written as they come, its `action.json` last.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,16 +19,16 @@ from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import FlatteningTarget, NoTarget
 from unwrinkle.runs.folder import ActionRecord, MotionRecord, RunFolder, SegmentMark
 
-#: The cloth is recorded every so many feedback periods while the arms are at work.
+#: Period of the cloth's recording while the arms move, feedback periods.
 FRAME_PERIODS = 4
-#: Outcomes after which a run can go on from the cloth as it was left.
+#: Outcomes after which a run can be resumed from the cloth's last state.
 COMPLETE = ("done", "missed", "blind", RunStatus.FLAT, RunStatus.STOPPED)
 _AT_WORK = (Mode.MOVE, Mode.GRIP, Mode.RETREAT)
 
 
 @dataclass(frozen=True)
 class _Done:
-    """An action that has ended; its effect on the cloth is recorded once the cloth was seen again."""
+    """An action that has ended; its effect on the cloth is recorded at the next look."""
 
     action: Action
     seconds: dict[str, float]
@@ -34,14 +37,14 @@ class _Done:
 
 
 class Recorder:
-    """A watcher that fills a run's folder."""
+    """Watcher that fills a run's folder."""
 
     def __init__(self, folder: RunFolder, cell: Cell) -> None:
         """Write to a folder.
 
         Args:
-            folder: of the run.
-            cell: where motions are compared with their plans.
+            folder: folder of the run.
+            cell: cell in which motions are compared with their plans.
         """
         self._folder, self._cell = folder, cell
         self._done: _Done | None = None
@@ -51,13 +54,13 @@ class Recorder:
 
     @property
     def actions(self) -> list[ActionRecord]:
-        """What was recorded in this run, in order."""
+        """Return the actions recorded so far, in order."""
         return list(self._actions)
 
     def update(
         self, before: SupervisorState, now: SupervisorState, station: StationView, seconds: Seconds
     ) -> None:
-        """Write what is new; see `flattening_run.Watcher`."""
+        """Write what is new; see `run.Watcher`."""
         if Mode.FAULT not in (before.mode, now.mode) and (
             before.mode in _AT_WORK or now.mode in _AT_WORK
         ):
@@ -92,7 +95,7 @@ class Recorder:
         self._folder.event(station.time, now.mode, text, data)
 
     def _exposed(self, now: SupervisorState, station: StationView) -> None:
-        """The cameras have looked, and everything was at rest: the last action's effect, and the new look."""
+        """Record a new look and, with it, the effect of the last action."""
         self._close(station)
         look = self._folder.look(now.head.number - 1)
         left, right = station.pair
@@ -135,10 +138,13 @@ class Recorder:
         self._folder.look(now.action.look - 1).save_plan(plan, verified.verdict)
 
     def _ended(self, now: SupervisorState, station: StationView, seconds: Seconds) -> None:
-        """An action has ended: its motion is known, its effect not yet."""
+        """Record the motion of an action that has ended.
+
+        Its effect is recorded at the next look.
+        """
         action = now.action if now.over or now.finished is None else now.finished
         if action.outcome not in COMPLETE:
-            self._close(station)  # the run ends here: what was done before is complete
+            self._close(station)  # the run ends here: the action before is complete
             self._motion.save(self._folder, action, station)
             return
         motion = self._motion.save(self._folder, action, station)
@@ -153,7 +159,7 @@ class Recorder:
             self._close(station)
 
     def _close(self, station: StationView) -> None:
-        """Record the last action, the cloth as it lies now included: the look is complete."""
+        """Record the last action with the present state of the cloth: its look is complete."""
         done, self._done = self._done, None
         if done is None:
             return
@@ -167,7 +173,7 @@ class Recorder:
 
 
 class _Motion:
-    """The measured motion of one action, sample by sample."""
+    """Measured motion of one action, sample by sample."""
 
     def __init__(self) -> None:
         self._rows: list[tuple[float, Array, Array, Array]] = []
@@ -201,7 +207,10 @@ class _Motion:
 
 
 def _reference(times: Array, measured: Array, action: Action) -> Array:
-    """Where the plan had the axes, (N, 13) rad; where they are while no segment runs."""
+    """Return the planned positions of the axes, (N, 13) rad.
+
+    While no segment runs, they are the measured ones.
+    """
     reference = measured.copy()
     planned = action.planned
     if planned is None or planned.result is None or planned.result.plan is None:
@@ -218,7 +227,7 @@ def _reference(times: Array, measured: Array, action: Action) -> Array:
 
 
 def _stages(action: Action, seconds: Seconds) -> dict[str, float]:
-    """Wall clock by stage, s; see `run_records.STAGES`."""
+    """Return the wall-clock time of each stage, s; see `records.STAGES`."""
     perceived, analysed = action.perceived, action.analysed
     return {
         "render": seconds.of(Mode.LOOK),

@@ -1,11 +1,14 @@
-"""Running the loop: the diagram moves on period by period, while others watch; whatever happens ends at rest."""
+"""Run the closed loop: advance the diagram period by period and call the watchers.
+
+Every run ends at rest.
+"""
 
 import gc
 import logging
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from types import FrameType
 from typing import Protocol
@@ -20,55 +23,57 @@ from unwrinkle.flattening.state import RunStatus, SupervisorState
 from unwrinkle.models.errors import UnwrinkleError
 from unwrinkle.systems.diagram import supervisor_state
 
-#: Most time that the arms are given to come to rest once a run is over, on the station's clock, s.
+#: Maximum time for the arms to come to rest at the end of a run, s on the station's clock.
 LAST_REST = 5.0
-_REST_SPEED = 2e-3  # rad/s
+#: Speed below which an axis is at rest, rad/s.
+_REST_SPEED = 2e-3
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass
 class Seconds:
-    """Wall clock that the current look and its action have taken, by the supervisor's state.
+    """Wall-clock time of the current look and its action, by the supervisor's state.
 
     Attributes:
         look: number of the look.
-        by_mode: s.
+        by_mode: time in each state, s.
     """
 
     look: int = 0
     by_mode: dict[str, float] = field(default_factory=dict)
 
     def of(self, *modes: str) -> float:
-        """Sum over some states, s."""
+        """Return the total of some states, s."""
         return sum(self.by_mode.get(mode, 0.0) for mode in modes)
 
 
 class Watcher(Protocol):
-    """Whoever wants to know how the run goes."""
+    """Observer of a run."""
 
     def update(
         self, before: SupervisorState, now: SupervisorState, station: StationView, seconds: Seconds
     ) -> None:
-        """Take note of one feedback period.
+        """Process one feedback period.
 
         Args:
-            before: the supervisor's state before it; `now` is the same object where nothing has changed.
-            now: after it.
-            station: after it.
-            seconds: of the look that `before` belongs to, up to now.
+            before: the supervisor's state before it; the same object as `now` if nothing has
+                changed.
+            now: the supervisor's state after it.
+            station: the station after it.
+            seconds: times of the look that `before` belongs to, up to now.
         """
 
 
 @dataclass(frozen=True)
-class Ending:
-    """How a run ended.
+class RunEnding:
+    """Result of a run.
 
     Attributes:
         status: flat, stopped, fault or interrupted.
-        reason: in words.
+        reason: one sentence.
         supervisor_state: the supervisor's last state.
-        duration: wall clock, s.
+        duration: wall-clock time, s.
     """
 
     status: str
@@ -84,8 +89,8 @@ class FlatteningRun:
         """Prepare the simulator.
 
         Args:
-            loop: what to run.
-            watchers: are told of every period, in order.
+            loop: loop to run.
+            watchers: observers, called in order after every period.
         """
         self._loop, self._watchers = loop, watchers
         self._period = loop.cell.scenario.station.feedback_period
@@ -100,36 +105,35 @@ class FlatteningRun:
 
     @property
     def context(self) -> Context:
-        """The diagram's."""
+        """Return the diagram's context."""
         return self._simulator.get_mutable_context()
 
     @property
     def supervisor_state(self) -> SupervisorState:
-        """The supervisor's state."""
+        """Return the supervisor's state."""
         return supervisor_state(self._loop.diagram, self.context)
 
-    def run(self, interrupted: Callable[[], bool] = lambda: False) -> Ending:
+    def run(self, interrupted: Callable[[], bool] = lambda: False) -> RunEnding:
         """Run until the loop ends, and leave the arms at rest.
 
         Args:
-            interrupted: asked in every period; once it says yes, what moves is held and the run ends.
+            interrupted: called in every period; a true value holds the motion and ends the run.
 
         Raises:
-            Exception: what a watcher or the station raised, after the arms were brought to rest.
+            Exception: an error of a watcher or the station, after the arms have come to rest.
         """
         clock = time.perf_counter()
         self._simulator.Initialize()
-        try:
+        with ExitStack() as on_error:
+            on_error.callback(self._bring_to_rest)
             while not self.supervisor_state.over:
                 if interrupted():
                     self._interrupt.FixValue(self.context, [1.0])
                 self._period_on()
-        except BaseException:
-            self._bring_to_rest()
-            raise
+            on_error.pop_all()
         self._rest()
         now = self.supervisor_state
-        return Ending(now.status, now.reason, now, time.perf_counter() - clock)
+        return RunEnding(now.status, now.reason, now, time.perf_counter() - clock)
 
     def _period_on(self) -> None:
         before = self.supervisor_state
@@ -139,7 +143,7 @@ class FlatteningRun:
         mode, spent = before.mode, time.perf_counter() - clock
         if before.action.look != self._seconds.look:
             if self._loop.real:
-                gc.collect()  # the arms rest now, see `garbage`
+                gc.collect()  # the arms are at rest here, see `garbage`
             self._seconds = Seconds(before.action.look)
         by_mode = self._seconds.by_mode
         by_mode[mode] = by_mode.get(mode, 0.0) + spent
@@ -147,19 +151,19 @@ class FlatteningRun:
             watcher.update(before, now, self.station, self._seconds)
 
     def _advance(self) -> None:
-        self._steps += 1  # times are multiples of the period, not sums of it
+        self._steps += 1  # a multiple of the period has no accumulated error of rounding
         self._simulator.AdvanceTo(self._steps * self._period)
         if self._loop.real:
             self._await_due()
 
     def _await_due(self) -> None:
-        """Let real devices have their time; what was lost with computing is not made up."""
+        """Wait for the next period of real time; time lost in computing is not made up."""
         now = time.monotonic()
         self._due = max(self._due + self._period, now)
         time.sleep(self._due - now)
 
     def _rest(self) -> None:
-        """Let the braking that a fault or an interrupt began come to its end."""
+        """Advance until the arms have come to rest after a fault or an interrupt."""
         for _ in range(round(LAST_REST / self._period)):
             if np.abs(self.station.velocities).max() < _REST_SPEED:
                 return
@@ -167,7 +171,10 @@ class FlatteningRun:
         _log.error("the arms did not come to rest within %g s", LAST_REST)
 
     def _bring_to_rest(self) -> None:
-        """Hold, after something went wrong outside the supervisor; what fails again cannot be helped."""
+        """Hold after an error outside the supervisor.
+
+        A second error is ignored, so that the first one is raised.
+        """
         with suppress(Exception, KeyboardInterrupt):
             self._interrupt.FixValue(self.context, [1.0])
             for _ in range(round(LAST_REST / self._period)):
@@ -178,26 +185,29 @@ class FlatteningRun:
 
 
 def failure(error: BaseException) -> tuple[str, str]:
-    """Status and reason of a run that an exception ended."""
+    """Return the status and reason of a run that an exception ended."""
     text = " ".join(str(error).split())
     if isinstance(error, UnwrinkleError):
         return RunStatus.FAULTED, text
     return RunStatus.FAULTED, f"{type(error).__name__}: {text}"
 
 
-class Interrupts:
-    """Whether SIGINT or SIGTERM came; the first asks for a quiet end, a second SIGINT ends at once."""
+class RunInterrupts:
+    """Record SIGINT and SIGTERM.
+
+    The first ends the run at rest, a second signal raises KeyboardInterrupt.
+    """
 
     def __init__(self) -> None:
-        """None came yet."""
+        """Start without a signal."""
         self.name = ""
 
     def __call__(self) -> bool:
-        """Whether one came."""
+        """Return whether a signal has arrived."""
         return bool(self.name)
 
     def note(self, number: int, frame: FrameType | None) -> None:
-        """Take a signal.
+        """Handle a signal.
 
         Raises:
             KeyboardInterrupt: it is the second one.
@@ -208,9 +218,9 @@ class Interrupts:
 
 
 @contextmanager
-def caught_interrupts() -> Iterator[Interrupts]:
-    """Note SIGINT and SIGTERM instead of being ended by them."""
-    interrupts = Interrupts()
+def caught_interrupts() -> Iterator[RunInterrupts]:
+    """Record SIGINT and SIGTERM instead of ending the program."""
+    interrupts = RunInterrupts()
     before = {
         number: signal.signal(number, interrupts.note) for number in (signal.SIGINT, signal.SIGTERM)
     }

@@ -1,4 +1,7 @@
-"""A run with its folder: begun or gone on with, carried out, and finished whatever happens."""
+"""A run with its folder.
+
+Begin or resume it, carry it out, and finish the folder whatever happens.
+"""
 
 import dataclasses as dc
 import logging
@@ -11,7 +14,7 @@ from typing import Any
 
 from unwrinkle import __version__
 from unwrinkle.closed_loop.recorder import Recorder
-from unwrinkle.closed_loop.run import Ending, FlatteningRun, Watcher, caught_interrupts, failure
+from unwrinkle.closed_loop.run import FlatteningRun, RunEnding, Watcher, caught_interrupts, failure
 from unwrinkle.closed_loop.setup import (
     HARDWARE,
     LOOPBACK,
@@ -23,7 +26,7 @@ from unwrinkle.closed_loop.setup import (
 from unwrinkle.flattening.policy import PolicyState
 from unwrinkle.flattening.state import RunStatus
 from unwrinkle.flattening.state_machine import Approve
-from unwrinkle.garbage import collected_at_rest
+from unwrinkle.garbage import gc_disabled
 from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import Scenario, load_scenario
@@ -35,13 +38,16 @@ from unwrinkle.simulation.cloth.cloth import ClothState
 
 _log = logging.getLogger(__name__)
 
-#: What a run that goes on may still choose.
+#: Choices that may change when a run is resumed.
 _FREE = ("arms", "actions")
 
 
 @dataclass(frozen=True)
 class Choices:
-    """What the user chose; None leaves it to the scenario. See `RunSettings` and `LoopSettings`."""
+    """Choices of the user; None takes the scenario's value.
+
+    See `RunSettings` and `LoopSettings`.
+    """
 
     garment: str | None = None
     start: str | None = None
@@ -56,10 +62,10 @@ class Choices:
     order: str | None = None
 
     def applied(self, scenario: Scenario) -> Scenario:
-        """A scenario with these choices.
+        """Return a scenario with these choices.
 
         Raises:
-            InputError: a choice that no scenario can have.
+            InputError: no scenario can have such a choice.
         """
         choices = {name: value for name, value in dc.asdict(self).items() if name != "seed"}
         return with_choices(scenario, **choices)
@@ -67,7 +73,7 @@ class Choices:
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """A loop, the folder that it is recorded in, and the log of what its controller was sent, where it has one."""
+    """A loop, the folder of its record, and the log of its controller, if it has one."""
 
     loop: Loop
     folder: RunFolder
@@ -75,23 +81,26 @@ class Session:
 
     def run(
         self, watchers: tuple[Watcher, ...] = (), left: Callable[[], bool] = lambda: False
-    ) -> Ending:
+    ) -> RunEnding:
         """Run to the end, and finish the folder and its report.
 
-        Args:
-            watchers: are told of every period.
-            left: whether nobody watches any more; a run that moves a robot then ends as if it was interrupted.
+        SIGINT or SIGTERM ends the run with the arms at rest. The station's devices are closed in
+        every case.
 
-        A SIGINT or SIGTERM ends the run with the arms at rest. Whatever happens, the station's devices are closed.
+        Args:
+            watchers: observers, called after every period.
+            left: whether the last viewer has left; a run that moves a robot then ends as if
+                interrupted.
 
         Raises:
-            Exception: what ended the run otherwise, after the arms came to rest and the folder was finished.
+            Exception: an error that ended the run, after the arms came to rest and the folder was
+                finished.
         """
         clock = time.perf_counter()
         recorder = Recorder(self.folder, self.loop.cell)
         with caught_interrupts() as interrupts, ExitStack() as at_end:
             if self.loop.real:
-                at_end.enter_context(collected_at_rest())
+                at_end.enter_context(gc_disabled())
             if self.log is not None:
                 at_end.callback(self.log.close)
             at_end.callback(self.loop.close)
@@ -116,7 +125,7 @@ class Session:
                 self.log.event(now, "result", reason, outcome=status)
 
     def _finish(self, status: str, reason: str, clock: float, run: FlatteningRun) -> None:
-        """Write how it ended; what cannot be written any more is only logged."""
+        """Write the result; what cannot be written is logged only."""
         earlier = self.folder.figures.get("seconds", 0.0)
         figures: dict[str, Any] = {
             "actions": run.supervisor_state.policy_state.actions,
@@ -136,7 +145,7 @@ class Session:
                 _log.error("%s", error)
 
 
-def begin(
+def begin_run(
     choices: Choices,
     scenario: Path | None,
     out: Path | None,
@@ -147,14 +156,14 @@ def begin(
     """Begin a run.
 
     Args:
-        choices: of the user.
-        scenario: file; the shipped one if left out.
-        out: folder of the run; by the garment and the seed if left out, and then never one that is there.
-        site: of the station's devices.
-        approve: asked about each verified plan; None approves.
+        choices: choices of the user.
+        scenario: scenario file; the shipped one if left out.
+        out: folder of the run; if left out, a new one named after the garment and the seed.
+        site: devices of the station.
+        approve: callback that asks the operator about each verified plan; None approves every plan.
 
     Raises:
-        InputError: bad input, or the folder holds a run already or cannot be written.
+        InputError: an input is bad, or the folder holds a run already or cannot be written.
         HardwareError: a device of the station does not get ready.
     """
     chosen = choices.applied(load_scenario(_cell_of(site, scenario)))
@@ -163,28 +172,28 @@ def begin(
     path = _unused(Path("out") / f"flatten-{outline}-{seed}") if out is None else out
     RunFolder.check_free(path)
     log = _log_of(chosen, path, site)
-    try:
+    with ExitStack() as on_failure:
+        on_failure.callback(_discard, log)
         loop = build_loop(chosen, seed=seed, site=site, log=log, approve=approve)
-    except BaseException:
-        _forget(log)
-        raise
+        on_failure.pop_all()
     folder = RunFolder.create(path, _settings(chosen, seed))
     _save_cloth(folder, loop)
     return Session(loop, folder, log)
 
 
-def go_on(
+def resume_run(
     run: Path, choices: Choices, *, site: Site | None = None, approve: Approve | None = None
 ) -> Session:
-    """Go on with a run, from the cloth and the memory after its last complete look.
+    """Resume a run from the state of the cloth and of the policy after its last complete look.
 
     Args:
-        run: its folder.
+        run: folder of the run.
         choices: only arms and actions may change.
-        site, approve: see `begin`.
+        site, approve: see `begin_run`.
 
     Raises:
-        InputError: it is no run, it is flat already, something else was chosen, or a file is damaged.
+        InputError: the folder is no run, the run is flat, something else was chosen, or a file is
+            damaged.
         HardwareError: a device of the station does not get ready.
     """
     fixed = [
@@ -193,10 +202,10 @@ def go_on(
         if field.name not in _FREE and getattr(choices, field.name) is not None
     ]
     if fixed:
-        raise InputError(f"{', '.join(fixed)}: a run goes on as it began; leave it out")
+        raise InputError(f"{', '.join(fixed)}: cannot change when a run is resumed; leave it out")
     folder = RunFolder.open(run)
     if folder.status == RunStatus.FLAT:
-        raise InputError(f"{run}: is flat already; begin a new run")
+        raise InputError(f"{run}: the run is flat already; begin a new run")
     scenario = choices.applied(load_scenario(folder.path / "scenario.yaml"))
     last = folder.last_complete()
     state = policy_state = None
@@ -206,7 +215,8 @@ def go_on(
         if scenario.station.form != HARDWARE:
             state = ClothState.load(look.after_file)
     log = _log_of(scenario, folder.path, site)
-    try:
+    with ExitStack() as on_failure:
+        on_failure.callback(_discard, log)
         loop = build_loop(
             scenario,
             seed=folder.settings.seed,
@@ -216,16 +226,14 @@ def go_on(
             log=log,
             approve=approve,
         )
-    except BaseException:
-        _forget(log)
-        raise
-    folder.go_on()
+        on_failure.pop_all()
+    folder.resume()
     _save_cloth(folder, loop)
     return Session(loop, folder, log)
 
 
 def _cell_of(site: Site | None, scenario: Path | None) -> Path | None:
-    """The scenario's file: plans have to be verified in the cell that the site's robot stands in.
+    """Return the scenario file: plans must be verified in the cell of the site's robot.
 
     Raises:
         InputError: the site names its cell, and another one was given.
@@ -235,13 +243,13 @@ def _cell_of(site: Site | None, scenario: Path | None) -> Path | None:
     own = Path(site.scenario)
     if scenario is not None and scenario.resolve() != own.resolve():
         raise InputError(
-            f"--scenario {scenario}: site {site.name} stands in the cell of {own}; leave --scenario out"
+            f"--scenario {scenario}: site {site.name} is in the cell of {own}; leave --scenario out"
         )
     return own
 
 
 def _log_of(scenario: Scenario, path: Path, site: Site | None) -> RunLog | None:
-    """A new log in a run's folder, where there is a controller to speak of."""
+    """Create a log in a run's folder if the station has a controller driver."""
     if scenario.station.form not in (LOOPBACK, HARDWARE):
         return None
     count = len(list(path.glob("controller-*.jsonl"))) if path.is_dir() else 0
@@ -249,12 +257,12 @@ def _log_of(scenario: Scenario, path: Path, site: Site | None) -> RunLog | None:
     name = form if site is None else site.name
     header: dict[str, Any] = {"version": __version__, "station": form, "site": name}
     if form == LOOPBACK:
-        header["clock"] = 0.0  # its times are the simulation's
+        header["clock"] = 0.0  # its times are those of the simulation
     return RunLog.create(path / f"controller-{count + 1}.jsonl", header)
 
 
-def _forget(log: RunLog | None) -> None:
-    """Leave nothing behind of a run that did not begin."""
+def _discard(log: RunLog | None) -> None:
+    """Delete the log of a run that did not begin."""
     if log is not None:
         log.close()
         log.path.unlink(missing_ok=True)
@@ -285,7 +293,7 @@ def _save_cloth(folder: RunFolder, loop: Loop) -> None:
 
 
 def _unused(path: Path) -> Path:
-    """The path, or one with a number behind it that is not there yet."""
+    """Return the path, or the path with the first free number appended."""
     candidate, count = path, 1
     while candidate.exists():
         count += 1

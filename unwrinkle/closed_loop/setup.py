@@ -1,4 +1,4 @@
-"""From a scenario to the loop that is ready to run: cell, head, cloth, station and diagram."""
+"""Build the loop from a scenario: cell, head, cloth, station and diagram."""
 
 import dataclasses as dc
 import datetime
@@ -33,9 +33,10 @@ from unwrinkle.systems.station.world import (
     simulated_cloth,
 )
 
-#: Forms of the station beside the plain simulation.
-LOOPBACK, HARDWARE = "loopback", "hardware"
-#: What `--sensor` may say, and what it means in a scenario: kind, depth camera.
+#: Forms of the station other than the plain simulation.
+LOOPBACK = "loopback"
+HARDWARE = "hardware"
+#: Values of `--sensor` with the kind of sensor and the depth camera in the scenario.
 SENSORS = {
     "stereo": ("stereo", None),
     "xtion": ("depth", "xtion"),
@@ -46,17 +47,18 @@ SENSORS = {
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """All that a run needs.
+    """Everything that a run needs.
 
     Attributes:
-        cell: the robot in its cell.
-        head: the stereo head.
-        cloth: the simulated garment; None where the station is not simulated.
-        station: with the ports of `systems.ports`.
+        cell: robot and cell.
+        head: stereo head.
+        cloth: solver of the simulated garment; None if the station is not simulated.
+        station: station with the ports that `systems.diagram` connects.
         diagram: station, perception, planner, verification and supervisor.
-        seed: of every random choice.
-        real: the station's devices live on the computer's clock, and the diagram must run no faster.
-        close: ends the station's devices; a second time changes nothing.
+        seed: seed of all random numbers.
+        real: whether the station's devices run in real time, so that the diagram must not be
+            faster.
+        close: function that closes the station's devices; repeated calls have no effect.
     """
 
     cell: Cell
@@ -83,13 +85,13 @@ def with_choices(
     station: str | None = None,
     order: str | None = None,
 ) -> Scenario:
-    """A scenario with what the user chose instead of what it says; None keeps it.
+    """Return a scenario with the user's choices; None keeps the scenario's value.
 
     Raises:
-        InputError: a choice that no scenario can have.
+        InputError: no scenario can have such a choice.
     """
     if sensor is not None and sensor not in SENSORS:
-        raise InputError(f"sensor {sensor!r}: known are {', '.join(SENSORS)}")
+        raise InputError(f"sensor {sensor!r} is unknown; known are {', '.join(SENSORS)}")
     kind, camera = SENSORS[sensor] if sensor is not None else (None, None)
 
     def changed(part: Any, **values: Any) -> Any:
@@ -106,7 +108,7 @@ def with_choices(
 
 
 def scenario_text(scenario: Scenario, name: str = "Run") -> str:
-    """The scenario as a file that `load_scenario` reads."""
+    """Return the scenario as text that `load_scenario` reads."""
     return yaml.safe_dump({name: dc.asdict(scenario)}, sort_keys=False)
 
 
@@ -121,28 +123,30 @@ def build_loop(
     log: RunLog | None = None,
     approve: Approve | None = None,
 ) -> Loop:
-    """Build everything.
+    """Build cell, station and diagram.
 
     Args:
-        scenario: with the user's choices in it.
-        seed: of every random choice.
-        state: of the cloth, to go on from; None lets the garment lie as the scenario starts.
-        policy_state: of a resumed run.
-        faults: what shall go wrong in the station, for tests.
-        site: of the devices; the hardware station needs it, the loopback station may have it.
-        log: takes what the controller is sent and what it measures; not in the sim station.
-        approve: asked about each verified plan; None approves.
+        scenario: scenario with the user's choices.
+        seed: seed of all random numbers.
+        state: state of the cloth to resume from; None for the scenario's start.
+        policy_state: state of the policy of a resumed run.
+        faults: faults of the station to simulate, for tests.
+        site: devices; required by the hardware station, optional for the loopback station.
+        log: run log of the controller; unused in the sim station.
+        approve: callback that asks the operator about each verified plan; None approves every plan.
 
     Raises:
-        InputError: the scenario names what is not there, the garment does not fit the table, or the site is missing or
-            lacks a device.
+        InputError: the scenario names something unknown, the garment does not fit the table, or the
+            site is missing or lacks a device.
         HardwareError: a device does not get ready.
     """
     if scenario.sensor.kind == "stereo":
-        ensure_compiled()  # so that this run can be repeated bit by bit
+        ensure_compiled()  # so that this run is reproducible bit by bit
     form = scenario.station.form
     if form == HARDWARE:
-        return _on_hardware(scenario, seed, policy_state, site, log, approve)
+        return _on_hardware(
+            scenario, seed=seed, policy_state=policy_state, site=site, log=log, approve=approve
+        )
     cell = load_cell(scenario)
     head = nominal_calibration().stereo_head(cell.limits.head)
     cloth = simulated_cloth(cell)
@@ -169,32 +173,46 @@ def build_loop(
         approve=approve,
         seed=seed,
     )
-    return Loop(cell, head, cloth, station, diagram, seed, close=close)
+    return Loop(
+        cell=cell,
+        head=head,
+        cloth=cloth,
+        station=station,
+        diagram=diagram,
+        seed=seed,
+        close=close,
+    )
 
 
 def _on_hardware(
     scenario: Scenario,
+    *,
     seed: int,
     policy_state: PolicyState | None,
     site: Site | None,
     log: RunLog | None,
     approve: Approve | None,
 ) -> Loop:
-    """The loop around a site's devices, at the site's speed, with its calibration.
+    """Build the loop around a site's devices, with the site's speed and calibration.
 
     Raises:
-        InputError: nobody is asked about plans, the site is being commissioned, or its calibration is missing or too old.
+        InputError: there is no operator to approve plans, the site is under commissioning, or its
+            calibration is missing or too old.
     """
     if site is None:
-        raise InputError("the hardware station needs --site FILE, see models/data/sites")
+        raise InputError(
+            "the hardware station needs --site FILE; examples are in models/data/sites"
+        )
     if approve is None:
         raise InputError(
-            f"the hardware station moves the robot of site {site.name}; say so with --go, or rehearse "
+            f"the hardware station moves the robot of site {site.name}: add --go to permit this, "
+            "or rehearse "
             "with --station loopback"
         )
     if site.commissioning:
         raise InputError(
-            f"site {site.name} is being commissioned: run single plans with `unwrinkle execute` first; "
+            f"site {site.name} is under commissioning: run single plans with `unwrinkle execute` "
+            "first; "
             "then set commissioning: false"
         )
     if scenario.sensor.kind == "stereo":
@@ -214,4 +232,13 @@ def _on_hardware(
         approve=approve,
         seed=seed,
     )
-    return Loop(cell, head, None, station, diagram, seed, real=True, close=station.close)
+    return Loop(
+        cell=cell,
+        head=head,
+        cloth=None,
+        station=station,
+        diagram=diagram,
+        seed=seed,
+        real=True,
+        close=station.close,
+    )

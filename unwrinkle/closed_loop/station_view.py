@@ -1,4 +1,4 @@
-"""What a station shows at one time, read where it is asked for; the same for every form of the station."""
+"""Read a station's outputs on demand, the same way for every form of the station."""
 
 from typing import Any
 
@@ -9,22 +9,22 @@ from unwrinkle.flattening.station_messages import DepthImage, GripperStatus, Hea
 from unwrinkle.models.arrays import Array
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.measures import coverage, largest_height, overstretch
-from unwrinkle.systems.station.motion_log import Motion, MotionLog
+from unwrinkle.systems.station.motion_log import MotionLog, StationMotion
 
-#: The cloth as it truly is; a station that is not simulated has no such port.
+#: Output port of the simulated cloth's state; only simulated stations have it.
 TRUTH = "truth.cloth"
 
 
 class StationView:
-    """Reads a station's output ports, whenever it is asked, out of a context that moves on with the run."""
+    """Read a station's output ports from a context that advances with the run."""
 
     def __init__(self, station: Diagram, root: Context, cloth: Cloth | None) -> None:
-        """Look at a station.
+        """Observe a station.
 
         Args:
-            station: with the ports of `systems.ports`.
-            root: context of the diagram that it is part of.
-            cloth: what measures its truth; None for a station without.
+            station: station with the ports that `systems.diagram` connects.
+            root: context of the root diagram.
+            cloth: solver of the simulated cloth; None if the station is not simulated.
         """
         self._station, self._root = station, root
         self._context = station.GetMyContextFromRoot(root)
@@ -39,53 +39,56 @@ class StationView:
 
     @property
     def time(self) -> float:
-        """The station's clock, s."""
+        """Return the time of the station's clock, s."""
         return float(self._context.get_time())
 
     @property
     def positions(self) -> Array:
-        """Of the thirteen axes, rad."""
+        """Return the measured positions of the axes (13,), rad."""
         return np.array(self._of("joints.position_measured"), dtype=float)
 
     @property
     def velocities(self) -> Array:
-        """Of the thirteen axes, rad/s."""
+        """Return the measured velocities of the axes (13,), rad/s."""
         return np.array(self._of("joints.velocity_measured"), dtype=float)
 
     @property
     def head(self) -> Array:
-        """Left pan, tilt, right pan, tilt, rad."""
+        """Return the head's angles (4,): left pan, tilt, right pan, tilt, rad."""
         return np.array(self._of("head.position_measured"), dtype=float)
 
     @property
     def openings(self) -> Array:
-        """Of the right and the left gripper, m."""
+        """Return the openings of the right and the left gripper (2,), m."""
         status: GripperStatus = self._of("gripper.status")
         return np.array(status.opening, dtype=float)
 
-    def motion(self, begin: float, end: float) -> Motion | None:
-        """The motion in an interval of the station's clock (s), at the controller's own rate; None where it keeps no log."""
+    def motion(self, begin: float, end: float) -> StationMotion | None:
+        """Return the motion in an interval of the station's clock (s) at the controller's rate.
+
+        Without a motion log it is None.
+        """
         return None if self._log is None else self._log.between(self._root, begin, end)
 
     def forget_motion(self) -> None:
-        """Empty the controller's log, which would grow for as long as a run lasts."""
+        """Delete the motion log, which would otherwise grow during the whole run."""
         if self._log is not None:
             self._log.clear(self._root)
 
     @property
     def pair(self) -> tuple[HeadImage, HeadImage]:
-        """The head's last exposure."""
+        """Return the head's last pair of images."""
         return self._of("head.left_image"), self._of("head.right_image")
 
     @property
     def depth(self) -> DepthImage:
-        """The depth camera's last exposure."""
+        """Return the depth camera's last image."""
         found: DepthImage = self._of("depth_camera.image")
         return found
 
     @property
     def cloth(self) -> ClothState | None:
-        """How the cloth truly lies; None where there is no truth."""
+        """Return the true state of the cloth; None if the station is not simulated."""
         if self._cloth is None:
             return None
         found: ClothState = self._of(TRUTH)
@@ -93,14 +96,20 @@ class StationView:
 
     @property
     def vertices(self) -> Array | None:
-        """The cloth's vertices (n, 3) in the world, m; None where there is no truth."""
+        """Return the cloth's vertices (n, 3) in the world frame, m.
+
+        They are None if the station is not simulated.
+        """
         state = self.cloth
         if state is None or self._cloth is None:
             return None
         return self._cloth.vertices(state)
 
     def truth(self) -> dict[str, float] | None:
-        """Coverage (share), largest height (m) and overstretch of the cloth; None where there is no truth."""
+        """Return the cloth's true coverage (share), height (m) and overstretch.
+
+        They are None if the station is not simulated.
+        """
         state, cloth = self.cloth, self._cloth
         if state is None or cloth is None:
             return None

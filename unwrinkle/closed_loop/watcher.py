@@ -1,4 +1,4 @@
-"""Shows a run live in Meshcat while it goes on."""
+"""Show a run live in Meshcat."""
 
 from typing import Any
 
@@ -9,16 +9,16 @@ from unwrinkle.closed_loop.station_view import StationView
 from unwrinkle.flattening.state import Mode, SupervisorState
 from unwrinkle.viewer.live_view import LiveView
 
-#: The scene is sent every so many feedback periods while something moves.
+#: Update period of the scene while something moves, feedback periods.
 FRAME_PERIODS = 2
 _STILL = (Mode.PERCEIVE, Mode.DECIDE, Mode.PLAN, Mode.CONFIRM)
 
 
 class LiveWatcher:
-    """A watcher that shows robot, cloth, pictures, wrinkles and the plan.
+    """Watcher that shows robot, cloth, pictures, wrinkles and the plan.
 
     Attributes:
-        closed: whether the page was open in a browser, and is no more.
+        closed: whether the page was open in a browser and is no longer.
     """
 
     def __init__(self, loop: Loop, meshcat: Any) -> None:
@@ -32,7 +32,7 @@ class LiveWatcher:
     def update(
         self, before: SupervisorState, now: SupervisorState, station: StationView, seconds: Seconds
     ) -> None:
-        """Show what is new; see `flattening_run.Watcher`."""
+        """Show what is new; see `run.Watcher`."""
         self._periods += 1
         viewers = int(self._meshcat.GetNumActiveConnections())
         self._opened |= viewers > 0
@@ -73,6 +73,6 @@ def _status(now: SupervisorState, station: StationView) -> list[str]:
     truth = station.truth()
     if truth is not None:
         lines.append(
-            f"in truth: coverage {truth['coverage']:.1%}, height {1e3 * truth['height']:.1f} mm"
+            f"true coverage {truth['coverage']:.1%}, true height {1e3 * truth['height']:.1f} mm"
         )
     return lines

@@ -1,1 +1,1 @@
-"""The sub-commands: each public module here holds one function of the module's own name."""
+"""Sub-commands of the command line: each public module holds one command of the module's name."""

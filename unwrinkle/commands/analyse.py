@@ -1,4 +1,4 @@
-"""``unwrinkle analyse``: a capture in, its wrinkles, pictures and flattening target out."""
+"""``unwrinkle analyse``: find the wrinkles, pictures and flattening target of a capture."""
 
 from unwrinkle.commands._shared.capture import (
     CameraOption,
@@ -38,7 +38,7 @@ def analyse(
     seed: SeedOption = 0,
     pictures: PicturesOption = True,
 ) -> None:
-    """Find the wrinkles of a garment and what both hands should do about the largest."""
+    """Find the wrinkles of a garment and the target for the largest."""
     from rich.console import Console
 
     from unwrinkle.flattening.flattener import Choice

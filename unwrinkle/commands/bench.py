@@ -1,4 +1,4 @@
-"""``unwrinkle bench``: run one benchmark, print its table, save what it measured."""
+"""``unwrinkle bench``: run one benchmark, print its table, save its results."""
 
 import importlib
 import pkgutil
@@ -16,11 +16,13 @@ if TYPE_CHECKING:
 
 
 def bench(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Which benchmark, e.g. plans.")],
-    quick: Annotated[bool, typer.Option("--quick", help="A smaller sample, in minutes.")] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Of every random choice in the run.")] = 0,
-    json: Annotated[Path | None, typer.Option(help="Write the whole report here.")] = None,
-    markdown: Annotated[Path | None, typer.Option(help="Write the table here.")] = None,
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the benchmark, e.g. plans.")],
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Run a smaller sample, in minutes.")
+    ] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
+    json: Annotated[Path | None, typer.Option(help="Write the whole report to this file.")] = None,
+    markdown: Annotated[Path | None, typer.Option(help="Write the table to this file.")] = None,
 ) -> None:
     """Run a benchmark and print its table."""
     from rich.console import Console
@@ -52,13 +54,16 @@ def bench(
         write_json(json, report)
     if markdown is not None:
         write_text(markdown, page)
-        plot = getattr(benchmark, "plot", None)  # those that have a figure beside their table
+        plot = getattr(benchmark, "plot", None)  # some benchmarks draw a figure beside their table
         if plot is not None:
             plot(results, markdown.with_suffix(".png"))
 
 
 def benchmark_names() -> list[str]:
-    """Return the names `unwrinkle bench` knows: the public modules of `unwrinkle.benchmarks`."""
+    """Return the names that `unwrinkle bench` accepts.
+
+    They are the public modules of `unwrinkle.benchmarks`.
+    """
     from unwrinkle import benchmarks
 
     names = [module.name for module in pkgutil.iter_modules(benchmarks.__path__)]
@@ -66,12 +71,12 @@ def benchmark_names() -> list[str]:
 
 
 def _find(name: str) -> "Benchmark":
-    """Import the benchmark called `name`.
+    """Import the benchmark `name`.
 
     Raises:
-        InputError: if there is none of that name.
+        InputError: there is no benchmark of that name.
     """
     names = benchmark_names()
     if name not in names:
-        raise InputError(f"no benchmark is called {name!r}; try one of: {', '.join(names)}")
+        raise InputError(f"there is no benchmark {name!r}; known are {', '.join(names)}")
     return cast("Benchmark", importlib.import_module(f"unwrinkle.benchmarks.{name}"))

@@ -1,4 +1,7 @@
-"""``unwrinkle calibrate``: images of a board in, a calibration file and its residuals out."""
+"""``unwrinkle calibrate``.
+
+It computes a calibration file and its residuals from images of a calibration board.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,17 +19,21 @@ if TYPE_CHECKING:
     from unwrinkle.perception.stereo.head_file import HeadCalibration
 
 calibrate = typer.Typer(
-    help="Calibrate cameras, the stereo head, or a camera in the gripper, from images of a board.",
+    help="Calibrate cameras, the stereo head, or a camera in the gripper, "
+    "from images of a calibration board.",
     no_args_is_help=True,
 )
 
 BoardOption = Annotated[
     str | None,
-    typer.Option("--board", metavar="COLUMNSxROWS", help="Inner corners of the board, as 9x6."),
+    typer.Option(
+        "--board", metavar="COLUMNSxROWS", help="Inner corners of the calibration board, e.g. 9x6."
+    ),
 ]
 SquareOption = Annotated[float | None, typer.Option(help="Side of a square, metres.")]
 CharucoOption = Annotated[
-    str | None, typer.Option(help="ChArUco dictionary, as DICT_5X5_100; without, a chessboard.")
+    str | None,
+    typer.Option(help="ChArUco dictionary, e.g. DICT_5X5_100; a chessboard if left out."),
 ]
 MarkerOption = Annotated[float, typer.Option(help="Side of a ChArUco marker, metres.")]
 
@@ -35,24 +42,26 @@ MarkerOption = Annotated[float, typer.Option(help="Side of a ChArUco marker, met
 def stereo(
     images: Annotated[
         list[Path],
-        typer.Argument(metavar="IMAGES...", help="left*/right* files, or folders of them."),
+        typer.Argument(metavar="IMAGES...", help="Files left* and right*, or folders of them."),
     ],
     board: BoardOption = None,
     square: SquareOption = None,
     charuco: CharucoOption = None,
     marker: MarkerOption = 0.0,
-    out: Annotated[Path, typer.Option(help="The calibration file.")] = Path("stereo.yaml"),
+    out: Annotated[Path, typer.Option(help="Write the calibration to this file.")] = Path(
+        "stereo.yaml"
+    ),
 ) -> None:
-    """Intrinsics of both cameras and the pose between them, from at least 8 pairs."""
+    """Calibrate the intrinsics of both cameras and the pose between them, from at least 8 pairs."""
     from unwrinkle.perception.calibration.files import find_board_pairs, find_pairs, save_record
     from unwrinkle.perception.calibration.stereo import calibrate_stereo
     from unwrinkle.report.calibration_pictures import save_residuals
 
-    wanted = _board(board, square, charuco, marker)
+    target = _board(board, square, charuco, marker)
     pairs = find_pairs(images)
-    with _progress("finding boards") as told:
-        views, missing = find_board_pairs(pairs, wanted, told)
-    fit = calibrate_stereo(views, wanted, not_found=missing)
+    with _progress("finding calibration boards") as told:
+        views, missing = find_board_pairs(pairs, target, told)
+    fit = calibrate_stereo(views, target, not_found=missing)
     found = fit.calibration
     save_record(out, found)
     picture = out.with_suffix(".png")
@@ -60,15 +69,23 @@ def stereo(
     eyes = [0, 1] * len(found.views)
     title = f"stereo calibration: {len(found.views)} pairs, RMS {found.rms:.3f} px"
     cameras = (found.left, found.right)
-    save_residuals(picture, cameras, names, eyes, fit.corners, fit.residuals, title=title)
+    save_residuals(
+        picture,
+        cameras,
+        names=names,
+        eyes=eyes,
+        corners=fit.corners,
+        residuals=fit.residuals,
+        title=title,
+    )
     for camera, sigma in zip(cameras, found.focal_sigma, strict=True):
-        _say_camera(camera, f" ± {sigma:.2f}")
+        _print_camera(camera, f" ± {sigma:.2f}")
     baseline = sum(x * x for x in found.relative.translation) ** 0.5
     print(
         f"{len(found.views)} pairs: RMS {found.rms:.3f} px, rows {found.row_error:.3f} px apart "
         f"after rectification, baseline {baseline:.4f} m"
     )
-    _say_rejected(found.rejected)
+    _print_rejected(found.rejected)
     print(f"written to {out} and {picture}")
 
 
@@ -78,34 +95,37 @@ def hand_eye(
         Path | None, typer.Option(help="Stereo calibration of the head's two cameras.")
     ] = None,
     looks: Annotated[
-        Path | None, typer.Option(help="YAML of images and pan-tilt angles (the head).")
+        Path | None, typer.Option(help="YAML file of images and pan-tilt angles (for the head).")
     ] = None,
     poses: Annotated[
-        Path | None, typer.Option(help="YAML of images and gripper poses (a camera in it).")
+        Path | None,
+        typer.Option(help="YAML file of images and gripper poses (for a camera in the gripper)."),
     ] = None,
     camera: Annotated[
         str | None,
-        typer.Option(help="With --poses: name or YAML of the camera; without, from the images."),
+        typer.Option(help="With --poses: name or YAML file of the camera; fitted if left out."),
     ] = None,
     head: Annotated[
-        Path | None, typer.Option(help="Calibration to start from; without, the Glasgow head's.")
+        Path | None, typer.Option(help="Calibration to start from; the Glasgow head's if left out.")
     ] = None,
     repeatability: Annotated[
         float | None,
-        typer.Option(min=0.0, help="Of the pan-tilt units, radians; without, from the looks."),
+        typer.Option(
+            min=0.0, help="Repeatability of the pan-tilt units, rad; estimated if left out."
+        ),
     ] = None,
     board: BoardOption = None,
     square: SquareOption = None,
     charuco: CharucoOption = None,
     marker: MarkerOption = 0.0,
-    out: Annotated[Path | None, typer.Option(help="The calibration file.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Write the calibration to this file.")] = None,
 ) -> None:
-    """Cameras on their pan-tilt units (--stereo, --looks), or a camera in the gripper (--poses)."""
+    """Calibrate the head (--stereo, --looks), or a camera in the gripper (--poses)."""
     if poses is not None:
         if stereo is not None or looks is not None:
             raise InputError("calibrate hand-eye: give --poses, or --stereo and --looks; not both")
-        wanted = _board(board, square, charuco, marker)
-        _gripper(poses, camera, wanted, out or Path("gripper-camera.yaml"))
+        target = _board(board, square, charuco, marker)
+        _calibrate_gripper(poses, camera, target, out or Path("gripper-camera.yaml"))
         return
     if stereo is None or looks is None:
         raise InputError("calibrate hand-eye: the head needs --stereo FILE and --looks FILE")
@@ -113,15 +133,15 @@ def hand_eye(
     from unwrinkle.perception.stereo.head_file import load_calibration, nominal_calibration
 
     pair = load_stereo(stereo)
-    wanted = pair.board if board is None else _board(board, square, charuco, marker)
+    target = pair.board if board is None else _board(board, square, charuco, marker)
     nominal = load_calibration(head) if head is not None else nominal_calibration()
     from unwrinkle.perception.calibration.files import read_head_views
     from unwrinkle.perception.calibration.head import calibrate_head
     from unwrinkle.report.calibration_pictures import save_residuals
 
     out = out or Path("head-calibration.yaml")
-    with _progress("finding boards") as told:
-        seen, missing = read_head_views(looks, wanted, told)
+    with _progress("finding calibration boards") as told:
+        seen, missing = read_head_views(looks, target, told)
     fit = calibrate_head(seen, pair, nominal, joint_noise=repeatability)
     fit.calibration.save(out)
     picture = out.with_suffix(".png")
@@ -129,13 +149,13 @@ def hand_eye(
     save_residuals(
         picture,
         cameras,
-        fit.names,
-        fit.eyes,
-        fit.corners,
-        fit.adjustment.residuals,
+        names=fit.names,
+        eyes=fit.eyes,
+        corners=fit.corners,
+        residuals=fit.adjustment.residuals,
         title=f"head calibration: RMS {fit.adjustment.rms:.3f} px",
     )
-    _say_head(fit.calibration)
+    _print_head(fit.calibration)
     for eye, (solution, sigma) in enumerate(
         zip(fit.hand_eyes, fit.adjustment.mount_sigma, strict=True)
     ):
@@ -145,12 +165,12 @@ def hand_eye(
             f"{_millidegrees(solution.turn_apart)} mdeg, {1e3 * solution.shift_apart:.2f} mm"
         )
     repeat = _millidegrees(fit.adjustment.joint_noise)
-    print(f"the units' angles are good to {repeat} mdeg (one sigma)")
-    _say_rejected([*missing, *fit.rejected])
+    print(f"angles of the pan-tilt units are repeatable to {repeat} mdeg (one sigma)")
+    _print_rejected([*missing, *fit.rejected])
     print(f"written to {out} and {picture}")
 
 
-def _gripper(poses: Path, camera: str | None, board: "Board", out: Path) -> None:
+def _calibrate_gripper(poses: Path, camera: str | None, board: "Board", out: Path) -> None:
     from unwrinkle.models.transforms import PoseRecord
     from unwrinkle.perception.calibration.files import (
         MountedCamera,
@@ -162,7 +182,7 @@ def _gripper(poses: Path, camera: str | None, board: "Board", out: Path) -> None
     from unwrinkle.report.calibration_pictures import save_residuals
 
     known = load_camera(camera) if camera is not None else None
-    with _progress("finding boards") as told:
+    with _progress("finding calibration boards") as told:
         X_WG, views, missing = read_gripper_views(poses, board, told)
     fit = calibrate_gripper_camera(X_WG, views, known)
     rejected = [*missing, *fit.rejected]
@@ -173,29 +193,39 @@ def _gripper(poses: Path, camera: str | None, board: "Board", out: Path) -> None
     corners = [view.corners for view in fit.views]
     title = f"gripper to camera: {len(names)} looks, RMS {fit.rms:.3f} px"
     eyes = [0] * len(names)
-    save_residuals(picture, (fit.camera,), names, eyes, corners, fit.residuals, title=title)
-    _say_camera(fit.camera)
+    save_residuals(
+        picture,
+        (fit.camera,),
+        names=names,
+        eyes=eyes,
+        corners=corners,
+        residuals=fit.residuals,
+        title=title,
+    )
+    _print_camera(fit.camera)
     print(
         f"{len(names)} looks: RMS {fit.rms:.3f} px; methods agree to "
         f"{_millidegrees(fit.hand_eye.turn_apart)} mdeg, {1e3 * fit.hand_eye.shift_apart:.2f} mm"
     )
-    _say_rejected(rejected)
+    _print_rejected(rejected)
     print(f"written to {out} and {picture}")
 
 
 def _board(board: str | None, square: float | None, charuco: str | None, marker: float) -> "Board":
-    """Return the board that the options describe.
+    """Return the calibration board that the options describe.
 
     Raises:
-        InputError: its size is missing or no size.
+        InputError: its size is missing or wrong.
     """
     from unwrinkle.perception.calibration.boards import Board
 
     if board is None or square is None:
-        raise InputError("calibrate: say which board, as --board 9x6 --square 0.025")
+        raise InputError(
+            "calibrate: the calibration board is not given; add e.g. --board 9x6 --square 0.025"
+        )
     columns, _, rows = board.lower().partition("x")
     if not (columns.isdecimal() and rows.isdecimal()):
-        raise InputError(f"--board {board!r}: wanted inner corners as COLUMNSxROWS, such as 9x6")
+        raise InputError(f"--board {board!r}: give the inner corners as COLUMNSxROWS, e.g. 9x6")
     return Board(int(columns), int(rows), square, charuco or "", marker)
 
 
@@ -213,7 +243,7 @@ def _progress(stage: str) -> "Iterator[Progress]":
         yield told
 
 
-def _say_camera(camera: "Camera", focal: str = "") -> None:
+def _print_camera(camera: "Camera", focal: str = "") -> None:
     k1, k2 = (*camera.distortion, 0.0, 0.0)[:2]
     print(
         f"{camera.name}: fx {camera.fx:.2f}{focal}, fy {camera.fy:.2f}, centre ({camera.cx:.2f}, "
@@ -221,14 +251,14 @@ def _say_camera(camera: "Camera", focal: str = "") -> None:
     )
 
 
-def _say_head(calibration: "HeadCalibration") -> None:
+def _print_head(calibration: "HeadCalibration") -> None:
     for eye in (calibration.left, calibration.right):
-        _say_camera(eye.camera)
+        _print_camera(eye.camera)
         print(f"{eye.camera.name}: {eye.views} views, RMS {eye.residual:.3f} px")
     print(f"rows of the looks {calibration.row_residual:.3f} px apart after rectification")
 
 
-def _say_rejected(rejected: list[str]) -> None:
+def _print_rejected(rejected: list[str]) -> None:
     for reason in rejected:
         print(f"left out {reason}")
 

@@ -1,4 +1,4 @@
-"""``unwrinkle controller``: a virtual robot controller that speaks the real one's bytes."""
+"""``unwrinkle controller``: run a virtual robot controller with the protocol of the real one."""
 
 from typing import Annotated
 
@@ -7,45 +7,49 @@ import typer
 
 def controller(
     site: Annotated[
-        str, typer.Option(help="A *.site.yaml, or a shipped site: loopback.")
+        str, typer.Option(help="Site file *.site.yaml, or name of a shipped site: loopback.")
     ] = "loopback",
     profile: Annotated[
-        str, typer.Option(help="Points it takes: groups, ex or both; the site's if left out.")
+        str, typer.Option(help="Points it accepts: groups, ex or both; the site's if left out.")
     ] = "",
     ports: Annotated[
         str,
-        typer.Option(help="MOTION,STATE,IO in place of the site's; 0 for any that is free."),
+        typer.Option(help="Ports MOTION,STATE,IO instead of the site's; 0 for any free port."),
     ] = "",
     fault: Annotated[
         list[str] | None,
-        typer.Option(metavar="KIND[=VALUE][@BEGIN[-END]]", help="A fault to commit; repeatable."),
+        typer.Option(metavar="KIND[=VALUE][@BEGIN[-END]]", help="Fault to simulate; repeatable."),
     ] = None,
     delay: Annotated[
-        float, typer.Option(min=0.0, help="From a command to the axes' motion and feedback, s.")
+        float,
+        typer.Option(min=0.0, help="Delay from a command to the axes' motion and feedback, s."),
     ] = 0.15,
     firmware: Annotated[
-        str, typer.Option(help="Of the controller: 1.9.12 of MotoROS, or that of 2013.")
+        str, typer.Option(help="Firmware of the controller: 1.9.12 (MotoROS), or 2013.")
     ] = "1.9.12",
     period: Annotated[
         float, typer.Option(help="Interpolation period, s: 0.004, or CloPeMa's 0.008.")
     ] = 0.004,
     lag: Annotated[
-        float, typer.Option(min=0.0, help="Time constant of the axes, beside the delay, s.")
+        float, typer.Option(min=0.0, help="Time constant of the axes, in addition to the delay, s.")
     ] = 0.0,
     cloth: Annotated[
-        bool, typer.Option("--cloth/--no-cloth", help="Grippers that close hold cloth.")
+        bool, typer.Option("--cloth/--no-cloth", help="Whether closed grippers hold cloth.")
     ] = True,
     pan_tilt: Annotated[
-        bool, typer.Option("--pan-tilt", help="Two virtual pan-tilt units as well.")
+        bool, typer.Option("--pan-tilt", help="Run two virtual pan-tilt units as well.")
     ] = False,
     list_faults: Annotated[
-        bool, typer.Option("--list-faults", help="List the faults and end.")
+        bool, typer.Option("--list-faults", help="List the faults and exit.")
     ] = False,
     seconds: Annotated[
-        float | None, typer.Option(min=0.0, help="End after so long, not at Ctrl-C alone.")
+        float | None, typer.Option(min=0.0, help="Exit after this time, s; at Ctrl-C if left out.")
     ] = None,
 ) -> None:
-    """Run a virtual controller until Ctrl-C; `unwrinkle execute PLAN --site loopback` talks to it."""
+    """Run a virtual controller until Ctrl-C.
+
+    `unwrinkle execute PLAN --site loopback` connects to it.
+    """
     import dataclasses as dc
     import signal
     import time
@@ -87,7 +91,7 @@ def controller(
         cloth=cloth,
         pan_tilt=pan_tilt,
     )
-    # Ctrl-C ends it, also where a shell has it ignored in the background; so does a signal to end.
+    # Ctrl-C ends it even if the shell ignores it for background jobs; so does SIGTERM.
     before = {
         number: signal.signal(number, signal.default_int_handler)
         for number in (signal.SIGINT, signal.SIGTERM)
@@ -95,7 +99,8 @@ def controller(
     try:
         motion, state, io = equipment.server.ports
         say(
-            f"virtual controller on {found.controller.host}: motion {motion}, state {state}, I/O {io}"
+            f"virtual controller on {found.controller.host}: motion {motion}, state {state}, I/O "
+            f"{io}"
         )
         for side, device in zip(("left", "right"), equipment.devices, strict=False):
             say(f"pan-tilt unit, {side}: {device}")
@@ -115,12 +120,16 @@ def controller(
 
 
 def _ports(text: str) -> tuple[int, int, int] | None:
-    """Three port numbers; None if none are given."""
+    """Parse three port numbers; None if the option is empty.
+
+    Raises:
+        InputError: it is not three port numbers.
+    """
     from unwrinkle.models.errors import InputError
 
     if not text:
         return None
     parts = text.split(",")
     if len(parts) != 3 or not all(part.strip().isdigit() and int(part) < 65536 for part in parts):
-        raise InputError(f"--ports {text}: give three port numbers, as 50240,50241,50242")
+        raise InputError(f"--ports {text}: give three port numbers, e.g. 50240,50241,50242")
     return int(parts[0]), int(parts[1]), int(parts[2])

@@ -1,4 +1,7 @@
-"""``unwrinkle execute``: a verified plan on the robot, or on a virtual controller; a dry run unless told to go."""
+"""``unwrinkle execute``: run a verified plan on the robot or a virtual controller.
+
+Without --go it is a dry run.
+"""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,41 +11,50 @@ import typer
 
 def execute(
     plan: Annotated[Path, typer.Argument(metavar="PLAN", help="A plan made by `unwrinkle plan`.")],
-    site: Annotated[str, typer.Option(help="A *.site.yaml, or a shipped site: loopback.")],
+    site: Annotated[
+        str, typer.Option(help="Site file *.site.yaml, or name of a shipped site: loopback.")
+    ],
     go: Annotated[
-        bool, typer.Option("--go", help="Move the robot, once confirmed; without it nothing moves.")
+        bool,
+        typer.Option("--go", help="Move the robot after confirmation; nothing moves without it."),
     ] = False,
     yes: Annotated[
         str | None,
-        typer.Option(metavar="HASH", help="Confirm for scripts: 6 or more characters of the hash."),
+        typer.Option(
+            metavar="HASH", help="Confirm in scripts: 6 or more characters of the plan's hash."
+        ),
     ] = None,
     speed: Annotated[
         float | None, typer.Option(help="Share of the planned speed [the site's].")
     ] = None,
     log: Annotated[
-        Path | None, typer.Option(help="Write the run log here [a new file, with --go].")
+        Path | None, typer.Option(help="Write the run log to this file [a new file, with --go].")
     ] = None,
     html: Annotated[
-        Path | None, typer.Option(help="Write the preview page here before anything moves.")
+        Path | None, typer.Option(help="Write the preview page to this file before anything moves.")
     ] = None,
     live: Annotated[
-        bool, typer.Option("--live/--no-live", help="Show the robot live; a closed page holds it.")
+        bool,
+        typer.Option("--live/--no-live", help="Show the robot live; closing the page holds it."),
     ] = False,
     clear_queue: Annotated[
         bool,
         typer.Option(
             "--clear-queue",
-            help="First empty the queues that a dead connection left in the controller, once confirmed.",
+            help="First empty the controller's queues of a broken connection, after confirmation.",
         ),
     ] = False,
     commands: Annotated[
         str | None,
         typer.Option(
-            help="Take hold, resume, stop, speed, alive from a file or pipe, - for stdin."
+            help="Read hold, resume, stop, speed, alive from a file or pipe; - for standard input."
         ),
     ] = None,
 ) -> None:
-    """Check everything, show the plan and, with --go, run it; exit code 4 where a device or check stands against it."""
+    """Check the robot and the plan, show the plan and, with --go, run it.
+
+    The exit code is 4 if a check or a device fails.
+    """
     from unwrinkle.execution.session import ExecutionOptions, ExecutionSession
 
     options = ExecutionOptions(

@@ -1,4 +1,4 @@
-"""``unwrinkle flatten``: the closed loop, from a crumpled garment to a flat one."""
+"""``unwrinkle flatten``: run the closed loop, from a crumpled garment to a flat one."""
 
 import sys
 from pathlib import Path
@@ -12,12 +12,12 @@ from unwrinkle.models.errors import InputError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from unwrinkle.closed_loop.run import Ending
+    from unwrinkle.closed_loop.run import RunEnding
     from unwrinkle.closed_loop.session import Session
     from unwrinkle.execution.confirmation import Confirmation
     from unwrinkle.models.site import Site
 
-#: Exit codes beside 0 (flat) and 2 (bad input): an honest stop, a fault, an interrupt.
+#: Exit codes by the run's status, beside 2 for bad input.
 EXIT_CODES = {"flat": 0, "stopped": 3, "fault": 1, "interrupted": 130}
 
 
@@ -32,7 +32,7 @@ def flatten(
     texture: Annotated[
         str | None, typer.Option(help="terry, print or plain [the scenario's].")
     ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Of every random choice [0].")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of all random numbers [0].")] = None,
     sensor: Annotated[
         str | None,
         typer.Option(
@@ -41,7 +41,7 @@ def flatten(
     ] = None,
     scale: Annotated[
         float | None,
-        typer.Option(help="Of the head's pictures: 1 (16 megapixels), 0.5, 0.25 or 0.125."),
+        typer.Option(help="Scale of the head's pictures: 1 (16 megapixels), 0.5, 0.25 or 0.125."),
     ] = None,
     arms: Annotated[
         str | None, typer.Option(help="any (two if possible), dual or single [the scenario's].")
@@ -57,18 +57,18 @@ def flatten(
         ),
     ] = None,
     actions: Annotated[
-        int | None, typer.Option(min=0, help="Most actions [the scenario's].")
+        int | None, typer.Option(min=0, help="Maximum number of actions [the scenario's].")
     ] = None,
     station: Annotated[
         str | None,
         typer.Option(
-            help="sim, loopback (the real drivers against virtual devices) or hardware [the scenario's]."
+            help="sim, loopback (drivers against virtual devices) or hardware [the scenario's]."
         ),
     ] = None,
     site: Annotated[
         str | None,
         typer.Option(
-            help="The site's file, or a shipped one's name; the hardware station needs it."
+            help="Site file, or name of a shipped site; required by the hardware station."
         ),
     ] = None,
     go: Annotated[
@@ -80,55 +80,73 @@ def flatten(
     ] = None,
     resume: Annotated[
         Path | None,
-        typer.Option(metavar="RUN", help="Go on with a run, from its last complete action."),
+        typer.Option(metavar="RUN", help="Resume a run from its last complete action."),
     ] = None,
     live: Annotated[
         bool | None,
-        typer.Option("--live/--no-live", help="Show it in the browser [if a terminal is there]."),
+        typer.Option(
+            "--live/--no-live", help="Show the run in the browser [if there is a terminal]."
+        ),
     ] = None,
     port: Annotated[
-        int | None, typer.Option(help="Of the live view [the first free one from 7000].")
+        int | None, typer.Option(help="Port of the live view [the first free one from 7000].")
     ] = None,
 ) -> None:
-    """Look, plan, verify, pull, and look again, until the garment is flat; watch it, and read its report."""
+    """Look, plan, verify, pull, and look again until the garment is flat.
+
+    Write a report of the run.
+    """
     from rich.console import Console
 
-    from unwrinkle.closed_loop.session import Choices, begin, go_on
+    from unwrinkle.closed_loop.session import Choices, begin_run, resume_run
 
     console = Console()
     choices = Choices(
-        garment, start, texture, seed, sensor, scale, arms, mode, actions, station, order
+        garment=garment,
+        start=start,
+        texture=texture,
+        seed=seed,
+        sensor=sensor,
+        scale=scale,
+        arms=arms,
+        mode=mode,
+        actions=actions,
+        station=station,
+        order=order,
     )
     where, approve = _devices(site, go, console)
     if resume is not None:
         if scenario is not None or out is not None:
-            raise InputError("--resume goes on with a run's own scenario, in its own folder")
+            raise InputError(
+                "--resume uses the scenario and the folder of the run; leave --scenario and --out "
+                "out"
+            )
         with console.status("reading the run"):
-            session = go_on(resume, choices, site=where, approve=approve)
+            session = resume_run(resume, choices, site=where, approve=approve)
     else:
         with console.status("preparing the cell and the garment"):
-            session = begin(choices, scenario, out, site=where, approve=approve)
+            session = begin_run(choices, scenario, out, site=where, approve=approve)
     if approve is not None:
         approve.preview = session.folder.path / "preview.html", session.loop.cell
     console.print(f"run {session.folder.path}", highlight=False, soft_wrap=True)
     live = (sys.stdout.isatty() if live is None else live) or port is not None
     ending = _run(session, console, live=live, port=port)
-    _say_ending(console, session, ending)
+    _print_ending(console, session, ending)
     raise typer.Exit(EXIT_CODES[ending.status])
 
 
 def _devices(
     site: str | None, go: bool, console: "Console"
 ) -> tuple["Site | None", "Confirmation | None"]:
-    """The site, and who is asked about each plan."""
+    """Return the site, and the confirmation of each plan."""
     from unwrinkle.execution.confirmation import Confirmation
     from unwrinkle.site.sites import find_site
 
     return None if site is None else find_site(site), Confirmation(console) if go else None
 
 
-def _run(session: "Session", console: "Console", *, live: bool, port: int | None) -> "Ending":
-    from unwrinkle.closed_loop.progress import Progress
+def _run(session: "Session", console: "Console", *, live: bool, port: int | None) -> "RunEnding":
+    from unwrinkle.closed_loop.progress import ProgressWatcher
     from unwrinkle.closed_loop.watcher import LiveWatcher
 
     watchers: list[LiveWatcher] = []
@@ -139,14 +157,14 @@ def _run(session: "Session", console: "Console", *, live: bool, port: int | None
         console.print(f"live at {meshcat.web_url()}", highlight=False, soft_wrap=True)
         watchers.append(LiveWatcher(session.loop, meshcat))
     with console.status("looking") as status:
-        progress = Progress(
+        progress = ProgressWatcher(
             lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True),
             status.update,
         )
         return session.run((progress, *watchers), lambda: any(w.closed for w in watchers))
 
 
-def _say_ending(console: "Console", session: "Session", ending: "Ending") -> None:
+def _print_ending(console: "Console", session: "Session", ending: "RunEnding") -> None:
     figures = session.folder.figures
     reason = ending.reason.removeprefix(f"{ending.status}: ")
     console.print(f"{ending.status}: {reason}", highlight=False, markup=False, soft_wrap=True)
@@ -160,7 +178,7 @@ def _say_ending(console: "Console", session: "Session", ending: "Ending") -> Non
     ]
     console.print(
         f"{figures.get('actions', 0)} actions, {ending.duration:.0f} s"
-        f"{'; in truth: ' if truth else ''}{', '.join(truth)}",
+        f"{'; true values: ' if truth else ''}{', '.join(truth)}",
         highlight=False,
     )
     for name in ("report.html", "replay.html"):

@@ -1,4 +1,4 @@
-"""``unwrinkle log``: what a run log of `unwrinkle execute` holds, also after a crash."""
+"""``unwrinkle log``: show a run log of `unwrinkle execute`, also one that a crash cut short."""
 
 from pathlib import Path
 from typing import Annotated
@@ -9,15 +9,15 @@ log = typer.Typer(help="Show, replay or export the log of an execution.", no_arg
 
 _LogArgument = Annotated[Path, typer.Argument(metavar="LOG", help="Log of `unwrinkle execute`.")]
 _ScenarioOption = Annotated[
-    Path | None, typer.Option(help="The cell it was made in; the log's own if left out.")
+    Path | None, typer.Option(help="Scenario of the cell; the log's own if left out.")
 ]
-#: Columns of a table that is not shown in a terminal.
+#: Width of a table outside a terminal, columns.
 _WIDTH = 140
 
 
 @log.command()
 def show(path: _LogArgument) -> None:
-    """Print what happened: header, counts, states and events."""
+    """Print the header, counts, states and events of a log."""
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -42,7 +42,9 @@ def show(path: _LogArgument) -> None:
 @log.command()
 def replay(
     path: _LogArgument,
-    html: Annotated[Path | None, typer.Option(help="Write the page here [beside the log].")] = None,
+    html: Annotated[
+        Path | None, typer.Option(help="Write the page to this file [beside the log].")
+    ] = None,
     scenario: _ScenarioOption = None,
 ) -> None:
     """Write a page with the robot's measured motion."""
@@ -64,7 +66,7 @@ def export(
     path: _LogArgument,
     mcap: Annotated[Path, typer.Option(help="Write this MCAP file.")],
 ) -> None:
-    """Export it for tools that plot and replay recordings."""
+    """Export a log to MCAP, for tools that plot and replay recordings."""
     from rich.console import Console
 
     from unwrinkle.hardware.run_log.reader import read_run_log

@@ -1,4 +1,4 @@
-"""``unwrinkle plan``: a capture in; a verified dual-arm flattening plan and its page out."""
+"""``unwrinkle plan``: compute a verified flattening plan of a capture, and its preview page."""
 
 import time
 from pathlib import Path
@@ -41,7 +41,9 @@ if TYPE_CHECKING:
     from unwrinkle.planning.verification.verdict import Verdict
 
 
-_PLAN, _VERDICT, _PAGE = _PLAN_FILES = ("plan.npz", "verdict.json", "preview.html")
+_PLAN = "plan.npz"
+_VERDICT = "verdict.json"
+_PAGE = "preview.html"
 
 
 def plan(
@@ -64,7 +66,10 @@ def plan(
     seed: SeedOption = 0,
     pictures: PicturesOption = True,
 ) -> None:
-    """Plan and verify the flattening of the largest wrinkle that can be reached; write the plan and its page."""
+    """Plan and verify the flattening of the largest reachable wrinkle.
+
+    Write the plan and its page.
+    """
     from rich.console import Console
 
     from unwrinkle.models.robot import load_cell
@@ -95,7 +100,15 @@ def plan(
     folder = out or options.folder
     proposal = flattener.propose(observation, start=standing, arms=arms)
     if proposal.stop is not None:
-        _nothing_planned(proposal, proposal.stop, observation, options, folder, console, pictures)
+        _nothing_planned(
+            proposal,
+            proposal.stop,
+            observation,
+            options=options,
+            folder=folder,
+            console=console,
+            pictures=pictures,
+        )
         return
     assert proposal.plan is not None and proposal.verdict is not None
     assert proposal.choice is not None and proposal.planned is not None
@@ -110,23 +123,24 @@ def plan(
         clock.lap("page")
     _print_plan(console, proposal.choice, proposal.plan, proposal.verdict)
     console.print(f"times: {clock}", highlight=False)
-    console.print(f"plan    {folder / 'plan.npz'}", highlight=False)
-    console.print(f"page    {folder / 'preview.html'}", highlight=False)
+    console.print(f"plan    {folder / _PLAN}", highlight=False)
+    console.print(f"page    {folder / _PAGE}", highlight=False)
 
 
 def _nothing_planned(
     proposal: "Proposal",
     stop: "Stop",
     observation: "Observation",
+    *,
     options: CaptureOptions,
     folder: Path,
     console: "Console",
     pictures: bool,
 ) -> None:
-    """Write the analysis of a flat garment.
+    """Write the analysis of a garment that needs no plan.
 
     Raises:
-        NoSafePlanError: the garment is not flat, and no motion for it passes its verification.
+        NoSafePlanError: the garment is not flat, and no plan for it is verified.
     """
     from unwrinkle.flattening.flattener import NoChoice
 
@@ -134,7 +148,7 @@ def _nothing_planned(
     print_wrinkles(console, observation.analysis, chosen)
     if not stop.flat:
         raise NoSafePlanError(f"no verified plan: {proposal.reason}")
-    with finished_folder(folder, outdated=_PLAN_FILES) as work:
+    with finished_folder(folder, outdated=(_PLAN, _VERDICT, _PAGE)) as work:
         save_analysis(work, observation, chosen, options, pictures=pictures)
     console.print(f"{stop.reason}; nothing to plan. Analysis in {folder}/", highlight=False)
 
@@ -164,7 +178,8 @@ def _print_plan(
             pull = 1e3 * arm.share * plan.target.hands[arm.side].pull_distance
             tools.append(f"{name} arm pulls {pull:.1f} mm, tilt {degrees(arm.tilt):.0f} deg")
     console.print(
-        f"{kind} plan for wrinkle {choice.decision.wrinkle.index + 1}: turn-table {degrees(plan.turntable):.0f} deg, "
+        f"{kind} plan for wrinkle {choice.decision.wrinkle.index + 1}: turn-table "
+        f"{degrees(plan.turntable):.0f} deg, "
         f"{', '.join(tools)}; motion {plan.motion_time:.2f} s",
         highlight=False,
     )
@@ -174,20 +189,20 @@ def _print_plan(
 
 
 class _Clock:
-    """Laps of the wall clock by name."""
+    """Named laps of the wall clock, s."""
 
     def __init__(self) -> None:
         self._last = time.perf_counter()
         self._laps: dict[str, float] = {}
 
     def lap(self, name: str, less: float = 0.0) -> None:
-        """Add the time since the last lap under a name, less some seconds that are counted elsewhere."""
+        """Add the time since the last lap under a name, less the seconds counted elsewhere."""
         now = time.perf_counter()
         self.add(name, now - self._last - less)
         self._last = now
 
     def add(self, name: str, seconds: float) -> None:
-        """Add some seconds under a name."""
+        """Add seconds under a name."""
         self._laps[name] = self._laps.get(name, 0.0) + seconds
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""``unwrinkle preview``: a plan in the browser, as a page or live."""
+"""``unwrinkle preview``: show a plan in the browser, as a page or live."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,20 +10,20 @@ from unwrinkle.models.errors import InputError, NoSafePlanError
 
 def preview(
     plan: Annotated[Path, typer.Argument(metavar="PLAN", help="A plan made by `unwrinkle plan`.")],
-    html: Annotated[Path | None, typer.Option(help="Write a self-contained page here.")] = None,
+    html: Annotated[
+        Path | None, typer.Option(help="Write a self-contained page to this file.")
+    ] = None,
     live: Annotated[
         bool | None,
-        typer.Option("--live/--no-live", help="Show it live (default: unless --html is given)."),
+        typer.Option("--live/--no-live", help="Show the plan live [unless --html is given]."),
     ] = None,
-    at: Annotated[
-        float | None, typer.Option(help="Open the page standing still at this time, s.")
-    ] = None,
+    at: Annotated[float | None, typer.Option(help="Open the page paused at this time, s.")] = None,
     scenario: Annotated[
-        Path | None, typer.Option(help="The cell it was made for; the shipped one if left out.")
+        Path | None, typer.Option(help="Scenario of the plan's cell; the shipped one if left out.")
     ] = None,
-    host: Annotated[str, typer.Option(help="Address to serve live on; * for all.")] = "localhost",
+    host: Annotated[str, typer.Option(help="Address of the live server; * for all.")] = "localhost",
 ) -> None:
-    """Verify a plan and show it, with its hash and verdict; exit code 3 if it is not verified."""
+    """Verify a plan and show it with its hash and verdict; exit code 3 if it is not verified."""
     from rich.console import Console
 
     from unwrinkle.models.io.files import write_text

@@ -1,4 +1,4 @@
-"""``unwrinkle render``: a pair of photographs as the head would take them, and the truth about it."""
+"""``unwrinkle render``: render a pair of the head's images, with the true heights."""
 
 from datetime import date
 from math import isfinite
@@ -17,27 +17,33 @@ if TYPE_CHECKING:
     from unwrinkle.simulation.rendering.synthetic_towel import Towel
 
 _GARMENTS = ("towel", "flat")
-_LEFT, _RIGHT, _LOOK, _TRUTH = ("left.png", "right.png", "head.yaml", "truth.npz")
-_MARGIN = 0.05  # of the truth around the garment, metres
+_LEFT = "left.png"
+_RIGHT = "right.png"
+_LOOK = "head.yaml"
+_TRUTH = "truth.npz"
+#: Margin of the true range map around the garment, m.
+_MARGIN = 0.05
 
 
 def render(
-    out: Annotated[Path, typer.Option(help="Folder for the pair and its truth.")],
+    out: Annotated[Path, typer.Option(help="Folder for the pair and its true heights.")],
     seed: SeedOption = 0,
     garment: Annotated[str, typer.Option(help="towel (three wrinkles) or flat.")] = "towel",
-    texture: Annotated[str, typer.Option(help="Of the cloth: terry, print or plain.")] = "terry",
+    texture: Annotated[
+        str, typer.Option(help="Texture of the cloth: terry, print or plain.")
+    ] = "terry",
     scale: Annotated[
-        float, typer.Option(help="Size of the pictures: 1 (16 megapixels), 0.5, 0.25 or 0.125.")
+        float, typer.Option(help="Scale of the images: 1 (16 megapixels), 0.5, 0.25 or 0.125.")
     ] = 1.0,
     gaze_at: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y", help="Point of the table that both eyes look at, m [the garment's]."
+            metavar="X,Y", help="Point of the table that the head looks at, m [the garment's]."
         ),
     ] = None,
     scenario: ScenarioOption = None,
 ) -> None:
-    """Render what the stereo head sees of a garment in the cell, with a lens and a sensor's noise."""
+    """Render the stereo head's images of a garment in the cell, with lens and noise."""
     from rich.console import Console
 
     from unwrinkle.models.robot import load_cell
@@ -56,9 +62,12 @@ def render(
     towel = _towel(garment, seed, cell)
     with finished_folder(out) as work:
         with console.status("rendering"):
-            _write_pair(work, cell, head, gaze, towel, texture, scale, seed)
+            _write_pair(
+                work, cell, head, gaze, towel=towel, texture=texture, scale=scale, seed=seed
+            )
         truth_of(towel).save(work / _TRUTH)
-        # A rendered pair has no date of its own; the calibration's keeps the same run the same.
+        # A rendered pair has no date of its own; the calibration's date keeps repeated runs
+        # identical.
         day = date.fromisoformat(calibration.date)
         file = f"package://unwrinkle_models/heads/{NOMINAL_HEAD}.yaml"
         HeadAngles.of(gaze, calibration, file, day).save(work / _LOOK)
@@ -71,11 +80,11 @@ def render(
 
 
 def truth_of(towel: "Towel", resolution: float = 0.0005) -> "RangeMap":
-    """The towel's exact heights on a grid like that of a measured range map.
+    """Sample the towel's exact heights on a grid like that of a measured range map.
 
     Args:
-        towel: on its table.
-        resolution: of the grid, metres.
+        towel: towel on its table.
+        resolution: cell size of the grid, m.
     """
     import numpy as np
 
@@ -83,7 +92,7 @@ def truth_of(towel: "Towel", resolution: float = 0.0005) -> "RangeMap":
 
     half = 0.5 * towel.side * (abs(np.cos(towel.yaw)) + abs(np.sin(towel.yaw))) + _MARGIN
     cells = np.arange(int(np.ceil(2.0 * half / resolution)) + 1)
-    # Cells fall on whole multiples of the resolution, as those of measured maps do.
+    # Cells lie on whole multiples of the resolution, as in measured maps.
     first = [np.floor((centre - half) / resolution) * resolution for centre in towel.centre]
     x, y = np.meshgrid(first[0] + cells * resolution, first[1] + cells * resolution)
     return RangeMap(
@@ -102,6 +111,7 @@ def _write_pair(
     cell: "Cell",
     head: "StereoHead",
     gaze: "Gaze",
+    *,
     towel: "Towel",
     texture: str,
     scale: float,
@@ -114,7 +124,7 @@ def _write_pair(
     from unwrinkle.simulation.rendering.meshes import towel_mesh
     from unwrinkle.simulation.rendering.renderer import Renderer
 
-    scaled_camera(head.left.camera, scale)  # refuses a wrong scale before any work
+    scaled_camera(head.left.camera, scale)  # refuses a wrong scale before the rendering
     X_WL, X_WR = head.poses(gaze)
     posture = np.zeros(len(cell.robot.axes))
     posture[0] = gaze.ext_axis
@@ -128,14 +138,14 @@ def _write_pair(
     for name, image in zip(
         (_LEFT, _RIGHT), photograph_pair(renderer, eyes, seed, scale=scale), strict=True
     ):
-        quick = [cv2.IMWRITE_PNG_COMPRESSION, 1]  # noise does not compress anyhow
+        quick = [cv2.IMWRITE_PNG_COMPRESSION, 1]  # noise does not compress
         bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
         if not cv2.imwrite(str(folder / name), bgr, quick):
             raise InputError(f"{folder / name}: cannot be written; name another folder with --out")
 
 
 def _towel(garment: str, seed: int, cell: "Cell") -> "Towel":
-    """The towel at the garment's place in the cell."""
+    """Place the towel at the garment's place in the cell."""
     import dataclasses as dc
 
     from unwrinkle.simulation.rendering.synthetic_towel import wrinkled_towel
@@ -156,7 +166,7 @@ def _towel(garment: str, seed: int, cell: "Cell") -> "Towel":
 
 
 def _whole_steps(head: "StereoHead", gaze: "Gaze") -> "Gaze":
-    """The nearest angles that the units' motors can hold."""
+    """Round the head's angles to the steps of the pan-tilt units."""
     import dataclasses as dc
 
     angles: dict[str, float] = {}
@@ -168,11 +178,15 @@ def _whole_steps(head: "StereoHead", gaze: "Gaze") -> "Gaze":
 
 
 def _point(text: str) -> tuple[float, float]:
-    """Two numbers of an option."""
+    """Parse the two numbers of --gaze-at.
+
+    Raises:
+        InputError: they are not two finite numbers.
+    """
     try:
         x, y = (float(word) for word in text.split(","))
     except ValueError:
-        raise InputError(f"--gaze-at {text!r}: wanted X,Y in metres, as in 0,-1.1") from None
+        raise InputError(f"--gaze-at {text!r}: give X,Y in metres, e.g. 0,-1.1") from None
     if not (isfinite(x) and isfinite(y)):
-        raise InputError(f"--gaze-at {text!r}: wanted X,Y in metres, finite, as in 0,-1.1")
+        raise InputError(f"--gaze-at {text!r}: give X,Y in metres, finite, e.g. 0,-1.1")
     return x, y

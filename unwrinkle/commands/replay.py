@@ -1,4 +1,4 @@
-"""``unwrinkle replay``: the pages of a run, also of one that was killed, or the run live."""
+"""``unwrinkle replay``: write the pages of a run, or show the run live."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,20 +7,21 @@ import typer
 
 
 def replay(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of `unwrinkle flatten`.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder of `unwrinkle flatten`.")],
     live: Annotated[
-        bool, typer.Option("--live/--no-live", help="Show it live in place of writing the pages.")
+        bool,
+        typer.Option("--live/--no-live", help="Show the run live instead of writing the pages."),
     ] = False,
     show: Annotated[
         bool, typer.Option("--open/--no-open", help="Open the replay in the browser.")
     ] = False,
     scenario: Annotated[
-        Path | None, typer.Option(help="The cell it was made in; the run's own if left out.")
+        Path | None, typer.Option(help="Scenario of the cell; the run's own if left out.")
     ] = None,
-    host: Annotated[str, typer.Option(help="Address to serve live on; * for all.")] = "localhost",
-    port: Annotated[int | None, typer.Option(help="To serve live on [first free].")] = None,
+    host: Annotated[str, typer.Option(help="Address of the live server; * for all.")] = "localhost",
+    port: Annotated[int | None, typer.Option(help="Port of the live server [first free].")] = None,
 ) -> None:
-    """Write a run's replay and report from what its folder holds, or show the run live."""
+    """Write a run's replay and report from its folder, or show the run live."""
     from rich.console import Console
 
     from unwrinkle.models.robot import load_cell

@@ -1,4 +1,4 @@
-"""``unwrinkle show``: the robot and its cell in the browser, with a slider for each joint."""
+"""``unwrinkle show``: show the robot and its cell in the browser, with a slider for each joint."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,15 +8,15 @@ import typer
 
 def show(
     scenario: Annotated[
-        Path | None, typer.Option(help="The cell; the shipped one if left out.")
+        Path | None, typer.Option(help="Scenario of the cell; the shipped one if left out.")
     ] = None,
     html: Annotated[
-        Path | None, typer.Option(help="Write a page that stands still here, and end.")
+        Path | None, typer.Option(help="Write a static page to this file and exit.")
     ] = None,
-    state: Annotated[str, typer.Option(help="Named state that it starts in.")] = "home",
-    host: Annotated[str, typer.Option(help="Address to serve on; * for all.")] = "localhost",
+    state: Annotated[str, typer.Option(help="Named state to start in.")] = "home",
+    host: Annotated[str, typer.Option(help="Address of the live server; * for all.")] = "localhost",
 ) -> None:
-    """Show the cell, as it looks and as the collision checks see it."""
+    """Show the cell: its bodies and the shapes of the collision checks."""
     from rich.console import Console
 
     from unwrinkle.models.io.files import write_text

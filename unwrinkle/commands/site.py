@@ -1,34 +1,40 @@
-"""``unwrinkle site``: is every device of a site there and well? Moves nothing."""
+"""``unwrinkle site``: check that every device of a site answers and works; moves nothing."""
 
 from typing import Annotated
 
 import typer
 
-site = typer.Typer(help="Look at a site's devices; moves nothing.", no_args_is_help=True)
+site = typer.Typer(help="Check a site's devices; moves nothing.", no_args_is_help=True)
 
-#: Columns of a table that is not shown in a terminal.
+#: Width of a table outside a terminal, columns.
 _WIDTH = 140
 
 
 @site.callback()
 def _site() -> None:
-    """Look at a site's devices; moves nothing."""
+    """Check a site's devices; moves nothing."""
 
 
 @site.command()
 def check(
     name: Annotated[
-        str, typer.Argument(metavar="SITE", help="A *.site.yaml, or a shipped site: loopback.")
+        str,
+        typer.Argument(
+            metavar="SITE", help="Site file *.site.yaml, or name of a shipped site: loopback."
+        ),
     ],
     clear_queue: Annotated[
         bool,
         typer.Option(
             "--clear-queue",
-            help="First empty the queues that a dead connection left in the controller, once confirmed.",
+            help="First empty the controller's queues of a broken connection, after confirmation.",
         ),
     ] = False,
 ) -> None:
-    """Ask every device and say what is missing and what to do; exit code 4 if something is."""
+    """Query every device and report what is missing and what to do.
+
+    The exit code is 4 if a device is missing.
+    """
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -44,7 +50,7 @@ def check(
     if clear_queue:
         clear_confirmed(found, console)
     with console.status("") as status:
-        rows = check_site(found, limits, tell=lambda text: status.update(f"asking {text}"))
+        rows = check_site(found, limits, tell=lambda text: status.update(f"checking {text}"))
     if not console.is_terminal:
         console.width = _WIDTH
     table = Table(title=f"Site {found.name}", title_justify="left", box=box.SIMPLE)
@@ -55,5 +61,7 @@ def check(
     console.print(table)
     bad = [row.name for row in rows if not row.passed]
     if bad:
-        raise HardwareError(f"site {found.name}: {len(bad)} of {len(rows)} rows: {', '.join(bad)}")
+        raise HardwareError(
+            f"site {found.name}: {len(bad)} of {len(rows)} checks failed: {', '.join(bad)}"
+        )
     console.print(f"site {found.name}: every device answers", highlight=False)

@@ -1,4 +1,4 @@
-"""``unwrinkle verify``: check a plan independently of the planner, on the samples that will be sent."""
+"""``unwrinkle verify``: check a plan independently, on the samples that will be sent."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,20 +8,23 @@ import typer
 from unwrinkle.commands._shared.posture import StartOption, posture
 from unwrinkle.models.errors import NoSafePlanError
 
-#: Columns of a table that is not shown in a terminal.
+#: Width of a table outside a terminal, columns.
 _WIDTH = 120
-_NUMBERS = ("worst", "limit", "margin", "nearest", "bound", "required")
+_NUMBERS = ("worst", "limit", "margin", "nearest", "lower bound", "required")
 
 
 def verify(
     plan: Annotated[Path, typer.Argument(metavar="PLAN", help="A plan made by `unwrinkle plan`.")],
     scenario: Annotated[
-        Path | None, typer.Option(help="The cell it is to run in; the shipped one if left out.")
+        Path | None, typer.Option(help="Scenario of the cell; the shipped one if left out.")
     ] = None,
     start: StartOption = None,
-    json: Annotated[Path | None, typer.Option(help="Write the whole verdict here.")] = None,
+    json: Annotated[Path | None, typer.Option(help="Write the whole verdict to this file.")] = None,
 ) -> None:
-    """Verify a plan and print every check with its margin; exit code 3 if it is not verified."""
+    """Verify a plan and print every check with its margin.
+
+    The exit code is 3 if the plan is not verified.
+    """
     from rich.console import Console
 
     from unwrinkle.models.io.files import write_json
@@ -42,8 +45,8 @@ def verify(
         console.width = _WIDTH
     checks = ("check", "result", "worst", "limit", "margin", "where")
     _print(console, "Checks", checks, verdict.rows())
-    pairs = ("bodies", "kind", "nearest", "bound", "required", "when")
-    _print(console, "Nearest to their padding", pairs, verdict.clearance_rows())
+    pairs = ("bodies", "kind", "nearest", "lower bound", "required", "when")
+    _print(console, "Pairs nearest to their padding", pairs, verdict.clearance_rows())
     for violation in verdict.violations:
         console.print(
             f"[bold]{violation.kind.replace('_', ' ')}[/bold]: {violation.message}", highlight=False

@@ -1,4 +1,4 @@
-"""What an execution has under way."""
+"""Records of what an execution is doing: a running segment, a gripper event, a stop."""
 
 from dataclasses import dataclass
 
@@ -6,31 +6,31 @@ from unwrinkle.planning.plan import GripperEvent, Segment
 
 
 @dataclass
-class Move:
-    """A segment under way."""
+class RunningSegment:
+    """A segment that was sent to the driver."""
 
     segment: Segment
-    begun: int  # number of the command that began it
-    number: int  # of the last command about it
-    asked: float
+    begun: int  # number of the command that started it
+    number: int  # number of the last command about it
+    asked: float  # time of that command, s
     started: bool = False
 
 
 @dataclass
-class Grip:
-    """Grippers under way."""
+class RunningGripperEvent:
+    """A gripper event that was sent to the grippers."""
 
     event: GripperEvent
     number: int
-    asked: float
+    asked: float  # time of the command, s
 
 
 @dataclass
-class Ending:
-    """On the way to rest."""
+class Stopping:
+    """A stop on its way to rest."""
 
     outcome: str
     reason: str
-    asked: float
+    asked: float  # time of the stop, s
     open_grippers: bool
-    opened: float | None = None
+    opened: float | None = None  # time at which the grippers were commanded to open, s

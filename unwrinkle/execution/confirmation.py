@@ -1,4 +1,4 @@
-"""Asking the operator about a verified plan before it is run."""
+"""Ask the operator to confirm a verified plan before it is executed."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,15 +13,15 @@ from unwrinkle.viewer.preview import preview_page
 if TYPE_CHECKING:
     from rich.console import Console
 
-#: So many characters of the plan's hash have to be typed.
+#: Number of characters of the plan's hash that have to be typed.
 CHARACTERS = 6
 
 
 class Confirmation:
-    """Shows the plan, its hash and its smallest clearance, and wants the hash's first characters typed.
+    """Show a plan with its hash and clearance, and require the hash's first characters.
 
     Attributes:
-        preview: where each plan's page goes, and the cell that it shows; None for no page.
+        preview: path of each plan's page, and the cell it shows; None for no page.
     """
 
     def __init__(self, console: "Console") -> None:
@@ -30,18 +30,18 @@ class Confirmation:
         self.preview: tuple[Path, Cell] | None = None
 
     def __call__(self, plan: FlatteningPlan, verdict: Verdict) -> str:
-        """Ask about a plan; an answer that is not empty says why it must not be run."""
+        """Ask about a plan; return why it must not be executed, empty if it was confirmed."""
         self._console.print(verdict.summary(), highlight=False, soft_wrap=True)
         if self.preview is not None:
             path, cell = self.preview
             page = preview_page(plan, cell, PreviewSummary.of(verdict), title=path.parent.name)
             write_text(path, page)
-            self._console.print(f"look at {path}", highlight=False, soft_wrap=True)
-        wanted = plan.content_hash[:CHARACTERS]
+            self._console.print(f"page {path}", highlight=False, soft_wrap=True)
+        required = plan.content_hash[:CHARACTERS]
         try:
             typed = self._console.input(
-                f"type {wanted} to move the robot, anything else to leave it: "
+                f"type {required} to move the robot, anything else to skip the plan: "
             )
         except EOFError:
-            return "nobody confirmed the plan: there is no terminal to ask on"
-        return "" if typed.strip() == wanted else "the operator did not confirm the plan"
+            return "the plan was not confirmed: there is no terminal"
+        return "" if typed.strip() == required else "the operator did not confirm the plan"

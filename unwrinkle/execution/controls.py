@@ -1,4 +1,7 @@
-"""What an operator can say while a plan is executed: keys of a terminal, or lines of a file or pipe."""
+"""Instructions of the operator during an execution.
+
+They are keys of a terminal, or lines of a file or pipe.
+"""
 
 import os
 import select
@@ -15,26 +18,31 @@ from typing import Protocol
 from unwrinkle.execution.executor import PlanExecutor
 from unwrinkle.models.errors import InputError
 
-HOLD, RESUME, STOP, SPEED, ALIVE = "hold", "resume", "stop", "speed", "alive"
+HOLD = "hold"
+RESUME = "resume"
+STOP = "stop"
+SPEED = "speed"
+ALIVE = "alive"
 WORDS = (HOLD, RESUME, STOP, SPEED, ALIVE)
 KEYS = "h hold, r resume, s stop, + and - speed, 1 to 9 and 0 speed 10 to 90 and 100 %"
-DEAD_MAN_KEY = "keep the space bar pressed: released, the robot holds"
-#: Steps of the keys + and -.
-_STEP = 0.05
+DEAD_MAN_KEY = "keep the space bar pressed; the robot holds when it is released"
+#: Change of the speed by the keys + and -, share of the planned speed.
+_SPEED_STEP = 0.05
+#: Maximum number of bytes per read.
 _CHUNK = 4096
-#: A line longer than this is no command.
+#: Maximum length of a command line, characters.
 _LONGEST = 200
 
 
 @dataclass(frozen=True)
 class Instruction:
-    """One thing said.
+    """One instruction of the operator.
 
     Attributes:
         word: hold, resume, stop, speed or alive.
-        value: of `speed`: share of the planned speed; of a key + or -, the change.
+        value: for `speed`: share of the planned speed; for the keys + and -, the change of it.
         change: whether the value is a change.
-        at: s after the begin at which it counts; None at once.
+        at: time after the start at which it takes effect, s; None for at once.
     """
 
     word: str
@@ -44,10 +52,12 @@ class Instruction:
 
 
 def parse_instruction(line: str) -> Instruction | None:
-    """Read a line: `[@TIME] WORD [VALUE]`, TIME in s after the begin; None for an empty one or a comment.
+    """Parse a line `[@TIME] WORD [VALUE]`, TIME in s after the start.
+
+    An empty line or a comment gives None.
 
     Raises:
-        InputError: it is none of the known words, or its number is missing or wrong.
+        InputError: the word is unknown, or its number is missing or wrong.
     """
     parts = line.split("#", 1)[0].split()
     if not parts:
@@ -58,29 +68,30 @@ def parse_instruction(line: str) -> Instruction | None:
     word = parts.pop(0) if parts else ""
     if word not in WORDS or len(parts) != (word == SPEED):
         raise InputError(
-            f"'{line.strip()[:60]}' is no command; known: hold, resume, stop, speed SHARE, alive, each with @TIME "
-            "before it where it shall wait"
+            f"'{line.strip()[:60]}' is no command; give hold, resume, stop, speed SHARE or alive, "
+            "with @TIME in "
+            "front to delay it"
         )
     return Instruction(word, _number(parts[0], line) if parts else 0.0, at=at)
 
 
 def parse_key(key: str) -> Instruction | None:
-    """What a key means; None for any other."""
+    """Return the instruction of a key; None for any other key."""
     words = {"h": HOLD, "r": RESUME, "s": STOP, " ": ALIVE}
     if key in words:
         return Instruction(words[key])
     if key in "+-" and key:
-        return Instruction(SPEED, _STEP if key == "+" else -_STEP, change=True)
+        return Instruction(SPEED, _SPEED_STEP if key == "+" else -_SPEED_STEP, change=True)
     if key.isascii() and key.isdigit():
         return Instruction(SPEED, (int(key) or 10) / 10.0)
     return None
 
 
 def carry_out(instruction: Instruction, executor: PlanExecutor, now: float) -> str:
-    """Do what was said.
+    """Carry out an instruction.
 
     Returns:
-        Why it was refused; empty if it was done.
+        Why it was refused; empty if it was carried out.
     """
     try:
         if instruction.word == HOLD:
@@ -100,58 +111,58 @@ def carry_out(instruction: Instruction, executor: PlanExecutor, now: float) -> s
     return ""
 
 
-class Controls(Protocol):
-    """Where instructions come from."""
+class OperatorControls(Protocol):
+    """Source of instructions."""
 
     def read(self) -> Sequence[Instruction]:
-        """What was said since the last time; never waits.
+        """Return the instructions since the last call, without waiting.
 
         Raises:
-            InputError: something was said that is none.
+            InputError: a line is no instruction.
         """
         ...
 
 
 class NoControls:
-    """Nobody says anything."""
+    """Source without instructions."""
 
     def read(self) -> Sequence[Instruction]:
-        """Nothing."""
+        """Return no instruction."""
         return ()
 
 
 class KeyControls:
-    """Keys of a terminal that was set to give them at once; see `terminal_keys`."""
+    """Keys of a terminal in character mode; see `terminal_keys`."""
 
     def __init__(self, descriptor: int) -> None:
-        """Read from a descriptor."""
+        """Read from a file descriptor."""
         self._descriptor = descriptor
 
     def read(self) -> Sequence[Instruction]:
-        """What the keys that were pressed mean."""
+        """Return the instructions of the pressed keys."""
         data = _available(self._descriptor)
-        said = (parse_key(key) for key in (data or b"").decode("ascii", "replace"))
-        return [instruction for instruction in said if instruction is not None]
+        instructions = (parse_key(key) for key in (data or b"").decode("ascii", "replace"))
+        return [instruction for instruction in instructions if instruction is not None]
 
 
 class LineControls:
-    """Lines of a file, a pipe or standard input, as they come.
+    """Lines of a file, a pipe or standard input, as they arrive.
 
     Attributes:
-        ended: whether no more will come.
+        ended: whether the end of the input was reached.
     """
 
     def __init__(self, descriptor: int) -> None:
-        """Read from a descriptor."""
+        """Read from a file descriptor."""
         self._descriptor = descriptor
         self._rest = b""
         self.ended = False
 
     def read(self) -> Sequence[Instruction]:
-        """What the lines that have come say.
+        """Return the instructions of the lines that have arrived.
 
         Raises:
-            InputError: one says nothing that is known.
+            InputError: a line is no instruction.
         """
         data = None if self.ended else _available(self._descriptor)
         if data == b"":
@@ -159,13 +170,13 @@ class LineControls:
             data = b"\n"
         *lines, self._rest = (self._rest + (data or b"")).split(b"\n")
         if len(self._rest) > _LONGEST:
-            raise InputError(f"a command has more than {_LONGEST} characters")
-        said = (parse_instruction(line.decode("utf-8", "replace")) for line in lines)
-        return [instruction for instruction in said if instruction is not None]
+            raise InputError(f"a command line has more than {_LONGEST} characters")
+        instructions = (parse_instruction(line.decode("utf-8", "replace")) for line in lines)
+        return [instruction for instruction in instructions if instruction is not None]
 
 
 def _available(descriptor: int) -> bytes | None:
-    """What can be read without waiting; None if nothing, b"" at the end."""
+    """Read available bytes without waiting; None if there are none, b"" at the end of the input."""
     if not select.select([descriptor], [], [], 0.0)[0]:
         return None
     with suppress(BlockingIOError):
@@ -174,8 +185,8 @@ def _available(descriptor: int) -> bytes | None:
 
 
 @contextmanager
-def open_controls(commands: str | None) -> Iterator[Controls]:
-    """Give the controls: a file, `-` for standard input's lines, else the terminal's keys if there is one.
+def open_controls(commands: str | None) -> Iterator[OperatorControls]:
+    """Yield the controls: lines of a file or of standard input (`-`), or the terminal's keys.
 
     Raises:
         InputError: the file cannot be read.
@@ -185,7 +196,8 @@ def open_controls(commands: str | None) -> Iterator[Controls]:
     elif commands is not None:
         try:
             path = Path(commands)
-            # A named pipe is also opened for writing: else it ends before and after each who writes.
+            # A named pipe is also opened for writing: otherwise it reports its end whenever no
+            # writer is connected.
             pipe = stat.S_ISFIFO(path.stat().st_mode)
             mode = os.O_RDWR if pipe else os.O_RDONLY
             descriptor = os.open(path, mode | os.O_NONBLOCK)
@@ -201,8 +213,11 @@ def open_controls(commands: str | None) -> Iterator[Controls]:
 
 
 @contextmanager
-def terminal_keys() -> Iterator[Controls]:
-    """Give the keys of the terminal one by one, unechoed, while the body runs; none where there is no terminal."""
+def terminal_keys() -> Iterator[OperatorControls]:
+    """Yield the keys of the terminal one by one, without echo, while the block runs.
+
+    Without a terminal there are none.
+    """
     try:
         descriptor = sys.stdin.fileno()
         before = termios.tcgetattr(descriptor)

@@ -1,15 +1,18 @@
-"""Runs a plan through a driver and its grippers: segments and gripper events in order, one fate for all.
+"""Run a plan through a driver and its grippers: segments and gripper events in order.
 
-Whoever runs it calls `poll` some tens of times a second; nothing here waits or reads a clock. Whatever goes wrong ends in a
-hold, and nothing moves by itself after it: a gripper that missed or does not answer is opened at rest, and that is all.
+All axes stop together.
+
+The caller calls `poll` some tens of times per second; no method waits or reads a clock. Every fault
+ends in a hold, after which nothing moves without a command: grippers that missed or do not answer
+are opened at rest, and the execution ends.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from unwrinkle.execution._steps import Ending, Grip, Move
-from unwrinkle.execution.ports import Driver, Grippers
+from unwrinkle.execution._steps import RunningGripperEvent, RunningSegment, Stopping
+from unwrinkle.execution.ports import ExecutionDriver, ExecutionGrippers
 from unwrinkle.hardware.controller_state import (
     FAULT,
     HELD,
@@ -25,29 +28,39 @@ from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.planning.plan import FlatteningPlan, GripperEvent, Segment
 
-DONE, STOPPED, FAILED = "done", "stopped", "failed"
+DONE = "done"
+STOPPED = "stopped"
+FAILED = "failed"
 ARMS = ("right", "left")
-#: A dead-man key counts as released after this, s: keyboards begin to repeat after some 0.5 s.
-DEAD_MAN = 0.7
-#: s in which a driver takes or refuses a command.
-TAKEN = 2.0
-#: s in which a stop comes to rest, and in which the grippers open after a fault.
-AT_REST, OPENED = 10.0, 4.0
-#: s in which a driver that rests has seen a stop, and in which a robot whose driver is in fault comes to rest.
-TAKES_STOP, SETTLED = 0.1, 2.0
-#: An axis slower than this stands, rad/s.
-STANDS = 5e-3
-#: An axis within this of a point stands there, rad.
-AT = 2e-3
+#: Time without a press after which the dead-man key counts as released, s: keyboards start to
+#: repeat after about 0.5 s.
+DEAD_MAN_TIMEOUT_S = 0.7
+#: Maximum time for the driver to accept or refuse a command, s.
+ACKNOWLEDGE_TIMEOUT_S = 2.0
+#: Maximum time for a stop to come to rest, s.
+STOP_TIMEOUT_S = 10.0
+#: Maximum time for the grippers to open after a fault, s.
+GRIPPER_OPEN_TIMEOUT_S = 4.0
+#: Time after which a driver at rest has received a stop, s.
+STOP_ACKNOWLEDGE_TIME_S = 0.1
+#: Maximum time for a robot whose driver is in fault to come to rest, s; also the age of feedback
+#: beyond which the robot's motion is unknown.
+SETTLE_TIMEOUT_S = 2.0
+#: Speed below which an axis is at rest, rad/s.
+REST_SPEED_RAD_S = 5e-3
+#: Tolerance of each axis for being at a point, rad.
+POSITION_TOLERANCE_RAD = 2e-3
+#: Reason of a hold by the dead-man key.
+DEAD_MAN_RELEASED = "dead-man key released"
 
 
 @dataclass(frozen=True)
 class ExecutionResult:
-    """How an execution ended.
+    """Result of an execution.
 
     Attributes:
         outcome: done, stopped (by the operator, a signal, a closed page) or failed.
-        reason: why, where it is not done.
+        reason: why it was stopped or failed; empty if it is done.
         finished: names of the segments that were run to their end.
     """
 
@@ -56,26 +69,29 @@ class ExecutionResult:
     finished: tuple[str, ...]
 
 
-def _place(step: Segment | GripperEvent) -> tuple[int, int]:
-    """Where a step stands: an event follows the segment that ends when it comes, to the millisecond."""
+def _order(step: Segment | GripperEvent) -> tuple[int, int]:
+    """Return the sort key of a step.
+
+    An event follows the segment that ends at its time, to the millisecond.
+    """
     if isinstance(step, Segment):
         return round(1e3 * step.end), 0
     return round(1e3 * step.time), 1
 
 
 class PlanExecutor:
-    """One execution of one plan.
+    """Execute one plan once.
 
     Attributes:
-        result: how it ended; None while it goes on.
-        speed: share of the planned speed that was asked for last.
-        held: why it holds; empty while it goes on.
+        result: how it ended; None while it is running.
+        speed: last commanded share of the planned speed.
+        held: why it is held; empty if it is not.
     """
 
     def __init__(
         self,
-        driver: Driver,
-        grippers: Grippers | None,
+        driver: ExecutionDriver,
+        grippers: ExecutionGrippers | None,
         plan: FlatteningPlan,
         *,
         speed: float = 1.0,
@@ -83,19 +99,19 @@ class PlanExecutor:
         dead_man: bool = False,
         log: RunLogger | None = None,
     ) -> None:
-        """Prepare; nothing is sent before the first `poll`.
+        """Prepare the execution; nothing is sent before the first `poll`.
 
         Args:
-            driver: of the controller, ready.
-            grippers: None: gripper events are pauses.
-            plan: that passed its preflight.
+            driver: driver of the controller, ready.
+            grippers: driver of the grippers; None turns gripper events into pauses.
+            plan: plan that has passed its preflight.
             speed: share of the planned speed.
-            most_speed: what the speed may be raised to.
-            dead_man: whether motion goes on only while `alive` is called.
-            log: takes what happens.
+            most_speed: maximum to which the speed may be raised.
+            dead_man: whether motion requires repeated calls of `alive`.
+            log: run log of the events.
 
         Raises:
-            InputError: the speed is not above 0, up to `most_speed`.
+            InputError: the speed is not above 0, or above `most_speed`.
         """
         self._driver, self._grippers, self._plan = driver, grippers, plan
         self._log: RunLogger = NoLog() if log is None else log
@@ -103,26 +119,27 @@ class PlanExecutor:
         self._check(speed)
         self.speed = speed
         self.held = ""
+        self._held_by_dead_man = False
         self.result: ExecutionResult | None = None
         self._dead_man = dead_man
         self._alive_at: float | None = None
         steps: list[Segment | GripperEvent] = [*plan.segments, *plan.events]
-        self._steps = sorted(steps, key=_place)
+        self._steps = sorted(steps, key=_order)
         self._next = 0
         self._now = 0.0
         self._log_lost = False
         self._number = driver.status.command
         self._grip_number = 0
-        self._running: Move | None = None
-        self._gripping: Grip | None = None
-        self._ending: Ending | None = None
+        self._running: RunningSegment | None = None
+        self._gripping: RunningGripperEvent | None = None
+        self._ending: Stopping | None = None
         self._closed = plan.segments[0].closed
         self._finished: list[str] = []
         driver.set_override(speed)
 
     @property
     def step(self) -> str:
-        """What it does now, in a few words."""
+        """Return the current activity in a few words."""
         if self.result is not None:
             return self.result.outcome
         if self._ending is not None:
@@ -133,7 +150,7 @@ class PlanExecutor:
 
     @property
     def progress(self) -> float:
-        """Place on the plan's clock, s."""
+        """Return the time on the plan's clock, s."""
         if self._running is not None:
             length = self._running.segment.trajectory.duration
             return self._running.segment.start + min(self._driver.status.progress, length)
@@ -141,7 +158,7 @@ class PlanExecutor:
         return max((s.end if isinstance(s, Segment) else s.time for s in done), default=0.0)
 
     def hold(self, reason: str = "held by the operator") -> None:
-        """Brake along the path, and stay until `resume`."""
+        """Brake along the path and stay at rest until `resume`."""
         if self.held or self._ending is not None or self.result is not None:
             return
         self.held = reason
@@ -150,24 +167,29 @@ class PlanExecutor:
             self._driver.hold(self._count())
 
     def resume(self) -> None:
-        """Go on after a hold."""
+        """Resume after a hold."""
         if not self.held or self._ending is not None or self.result is not None:
             return
         self._note("resume", f"after: {self.held}")
         self.held = ""
+        self._held_by_dead_man = False
         if self._running is not None:
             self._running.asked, self._running.number = self._now, self._count()
             self._driver.resume(self._running.number)
 
     def stop(self, reason: str = "stopped by the operator") -> None:
-        """End it: brake along the path, and leave trajectory mode; the grippers stay as they are."""
+        """End the execution: brake along the path and leave trajectory mode.
+
+        The grippers stay as they are.
+        """
         self._end(STOPPED, reason)
 
     def set_speed(self, speed: float) -> None:
-        """Ask for another share of the planned speed.
+        """Set another share of the planned speed.
 
         Raises:
-            InputError: it is not above 0, or more than this execution may use; the speed stays as it is.
+            InputError: it is not above 0, or above the maximum of this execution; the speed is
+                unchanged.
         """
         self._check(speed)
         self.speed = speed
@@ -175,14 +197,14 @@ class PlanExecutor:
         self._driver.set_override(speed)
 
     def alive(self, now: float) -> None:
-        """The dead-man key is pressed at this time, s."""
+        """Record that the dead-man key is pressed at a time, s."""
         self._alive_at = now
 
     def poll(self, now: float) -> None:
-        """Look at driver and grippers, and go on as far as they are.
+        """Read the driver and the grippers, and advance the execution.
 
         Args:
-            now: any monotonic clock, s.
+            now: time of any monotonic clock, s.
         """
         self._now = now
         if self.result is not None:
@@ -219,16 +241,21 @@ class PlanExecutor:
             self._note("segment", step.name, number=number)
             if self._ending is not None:
                 return
-            self._running = Move(step, number, number, self._now)
+            self._running = RunningSegment(step, number, number, self._now)
             self._driver.run(number, step.trajectory, step.name)
 
-    def _follow(self, move: Move, status: DriverStatus) -> None:
+    def _follow(self, move: RunningSegment, status: DriverStatus) -> None:
         if status.command < move.number:
-            if self._now - move.asked > TAKEN:
-                self._end(FAILED, f"the driver did not take {move.segment.name} in {TAKEN:g} s")
+            if self._now - move.asked > ACKNOWLEDGE_TIMEOUT_S:
+                self._end(
+                    FAILED,
+                    f"the driver did not accept {move.segment.name} within "
+                    f"{ACKNOWLEDGE_TIMEOUT_S:g} s",
+                )
             return
         if status.state in (HOLDING, HELD) and not self.held:
-            # Its own doing, as for old feedback; or what was held cannot be resumed.
+            # The driver holds by itself, e.g. because feedback is late, or a hold cannot be
+            # resumed.
             self.held = status.reason or "held by the driver"
             self._note("hold", self.held)
         move.started |= status.state in (STARTING, RUNNING, HOLDING, HELD)
@@ -239,23 +266,25 @@ class PlanExecutor:
             self._finished.append(move.segment.name)
             self._running, self._next = None, self._next + 1
         elif self._at(path[0]) and status.completed >= move.begun:
-            self._running = None  # held before it had begun: it is begun anew
+            self._running = None  # held before its start: it is started again
         elif move.started or status.reason:
-            reason = status.reason or "it ended away from its last point"
+            reason = status.reason or "the motion ended away from its last point"
             self._end(FAILED, f"{move.segment.name}: {reason}")
 
     def _at(self, positions: Array) -> bool:
-        """Whether the robot stands there."""
+        """Return whether the robot is at a point (13,), rad."""
         feedback = self._driver.feedback
-        return feedback is not None and bool(np.abs(feedback.positions - positions).max() <= AT)
+        if feedback is None:
+            return False
+        return bool(np.abs(feedback.positions - positions).max() <= POSITION_TOLERANCE_RAD)
 
     def _watch(self, status: DriverStatus) -> None:
-        """The dead-man key, and cloth that slips while it is pulled."""
+        """Hold when the dead-man key is released; end when the grippers lose the cloth."""
         if self._dead_man:
-            released = "dead-man key released"
             if not self._pressed() and self._running is not None and not self.held:
-                self.hold(released)
-            elif self._pressed() and self.held == released and status.state == HELD:
+                self.hold(DEAD_MAN_RELEASED)
+                self._held_by_dead_man = True
+            elif self._pressed() and self._held_by_dead_man and status.state == HELD:
                 self.resume()
         if self._running is None or self._grippers is None or not any(self._closed):
             return
@@ -265,7 +294,7 @@ class PlanExecutor:
         elif lost:
             self._end(FAILED, f"the {lost} gripper lost the cloth", open_grippers=True)
 
-    def _command_grippers(self, event: GripperEvent) -> Grip:
+    def _command_grippers(self, event: GripperEvent) -> RunningGripperEvent:
         what = " and ".join(
             f"{arm} {'closes' if closed else 'opens'}"
             for arm, closed, before in zip(ARMS, event.closed, self._closed, strict=True)
@@ -276,9 +305,9 @@ class PlanExecutor:
         self._note("gripper", what, number=number, closed=closed)
         if self._grippers is not None and self._ending is None:
             self._grippers.command(self._grip_number, event.closed)
-        return Grip(event, self._grip_number, self._now)
+        return RunningGripperEvent(event, self._grip_number, self._now)
 
-    def _grip(self, grip: Grip) -> None:
+    def _grip(self, grip: RunningGripperEvent) -> None:
         if self._now - grip.asked < grip.event.dwell:
             return
         if self._grippers is not None:
@@ -290,14 +319,17 @@ class PlanExecutor:
                 return
             missed = self._missed(grip.event.closed)
             if missed:
-                text = f"the {missed} gripper closed on nothing: the grasp missed"
+                text = f"the {missed} gripper closed without cloth: the grasp missed"
                 self._end(FAILED, text, open_grippers=True)
                 return
         self._closed = grip.event.closed
         self._gripping, self._next = None, self._next + 1
 
     def _missed(self, closed: tuple[bool, bool]) -> str:
-        """Which gripper of an arm that takes part holds nothing though it is closed; empty if none is known to."""
+        """Return the closed grippers of participating arms that report no cloth.
+
+        The text is empty if there are none.
+        """
         assert self._grippers is not None
         holding = self._grippers.status.holding
         missed = [
@@ -311,12 +343,13 @@ class PlanExecutor:
         if self.result is not None:
             return
         if self._ending is not None:
-            # The first reason stays; a done motion that is broken off in its last moment is not.
+            # The first reason is kept; a completed motion that is interrupted at its end is not
+            # done.
             if self._ending.outcome != DONE:
                 return
             open_grippers = self._ending.open_grippers
         self._note("end", reason or outcome, outcome=outcome)
-        self._ending = Ending(outcome, reason, self._now, open_grippers)
+        self._ending = Stopping(outcome, reason, self._now, open_grippers)
         self._driver.stop(reason or "the plan is done")
 
     def _come_to_rest(self, status: DriverStatus) -> None:
@@ -324,17 +357,20 @@ class PlanExecutor:
         assert ending is not None
         waited = self._now - ending.asked
         if status.state in (FAULT, OFFLINE):
-            # Whatever stops it now, the log follows it to rest.
-            if waited < SETTLED and not self._stands(status):
+            # The execution follows the robot to rest, so that the log is complete.
+            if waited < SETTLE_TIMEOUT_S and not self._at_rest(status):
                 return
             if ending.outcome == DONE:
                 self._finish(FAILED, status.reason or f"the driver is {status.state}")
                 return
         elif status.state != READY:
-            if waited > AT_REST:
-                self._finish(FAILED, f"{ending.reason}; the robot did not come to rest")
+            if waited > STOP_TIMEOUT_S:
+                self._finish(
+                    FAILED,
+                    f"{ending.reason}; the robot did not come to rest within {STOP_TIMEOUT_S:g} s",
+                )
             return
-        elif waited < TAKES_STOP:
+        elif waited < STOP_ACKNOWLEDGE_TIME_S:
             return
         if ending.open_grippers and self._grippers is not None:
             if ending.opened is None:
@@ -344,11 +380,12 @@ class PlanExecutor:
                 ending.opened = self._now
             elif self._grippers.status.command >= self._grip_number:
                 self._finish(
-                    ending.outcome, f"{ending.reason}; both grippers are open, the arms rest"
+                    ending.outcome, f"{ending.reason}; both grippers are open, the arms are at rest"
                 )
-            elif self._now - ending.opened > OPENED:
+            elif self._now - ending.opened > GRIPPER_OPEN_TIMEOUT_S:
                 self._finish(
-                    ending.outcome, f"{ending.reason}; the grippers did not open, the arms rest"
+                    ending.outcome,
+                    f"{ending.reason}; the grippers did not open, the arms are at rest",
                 )
             return
         self._finish(ending.outcome, ending.reason)
@@ -358,17 +395,17 @@ class PlanExecutor:
         self._note("result", reason or outcome, outcome=outcome)
 
     def _pressed(self) -> bool:
-        return self._alive_at is not None and self._now - self._alive_at <= DEAD_MAN
+        return self._alive_at is not None and self._now - self._alive_at <= DEAD_MAN_TIMEOUT_S
 
-    def _stands(self, status: DriverStatus) -> bool:
-        """Whether the robot rests, or nothing is known of it any more."""
+    def _at_rest(self, status: DriverStatus) -> bool:
+        """Return whether the robot is at rest, or its motion is unknown."""
         feedback = self._driver.feedback
-        if feedback is None or status.state == OFFLINE or status.feedback_age > SETTLED:
+        if feedback is None or status.state == OFFLINE or status.feedback_age > SETTLE_TIMEOUT_S:
             return True
-        return bool(np.abs(feedback.velocities).max() <= STANDS)
+        return bool(np.abs(feedback.velocities).max() <= REST_SPEED_RAD_S)
 
     def _note(self, kind: str, text: str, **data: object) -> None:
-        """Write an event; a log that cannot be written ends the execution, and never keeps it from stopping."""
+        """Write an event; end the execution, without delay, if the log cannot be written."""
         try:
             self._log.event(self._now, kind, text, **data)
         except OSError as error:
@@ -382,8 +419,8 @@ class PlanExecutor:
 
     def _check(self, speed: float) -> None:
         if not 0.0 < speed <= 1.0:
-            raise InputError(f"speed is {speed:g}; give a fraction above 0, up to 1")
+            raise InputError(f"the speed is {speed:g}; give a fraction above 0, up to 1")
         if speed > self._most + 1e-9:
             raise InputError(
-                f"speed is {speed:g}, more than the {self._most:g} that this execution may use"
+                f"the speed is {speed:g}, above the {self._most:g} that this execution allows"
             )

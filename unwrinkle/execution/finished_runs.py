@@ -1,4 +1,7 @@
-"""Which plans have been run to their end before: commissioning runs a plan slowly the first time."""
+"""Record of plans that were run to their end.
+
+During commissioning the first run of a plan is slow.
+"""
 
 import datetime
 import json
@@ -9,20 +12,23 @@ from unwrinkle.models.errors import InputError
 
 
 def state_folder() -> Path:
-    """Where the user's programs keep their state: $XDG_STATE_HOME, or ~/.local/state."""
+    """Return the folder of the user's program state.
+
+    It is $XDG_STATE_HOME/unwrinkle, or ~/.local/state/unwrinkle.
+    """
     base = os.environ.get("XDG_STATE_HOME", "")
     return (Path(base) if base else Path.home() / ".local" / "state") / "unwrinkle"
 
 
 class FinishedRuns:
-    """A file with one line per finished run: site, plan's hash, speed, time."""
+    """File with one line per finished run: site, plan's hash, speed, time."""
 
     def __init__(self, path: Path | None = None) -> None:
-        """Use a file; the one in the user's state folder if none is named."""
+        """Use a file; the one in the user's state folder if left out."""
         self.path = state_folder() / "finished_runs.jsonl" if path is None else path
 
     def count(self, site: str, plan_hash: str) -> int:
-        """How often a plan was run to its end at a site; a line that cannot be read counts as none."""
+        """Count the finished runs of a plan at a site; unreadable lines do not count."""
         try:
             lines = self.path.read_text(encoding="utf-8", errors="replace").splitlines()
         except OSError:
@@ -30,7 +36,7 @@ class FinishedRuns:
         return sum(_is_of(line, site, plan_hash) for line in lines)
 
     def add(self, site: str, plan_hash: str, speed: float) -> None:
-        """Note a finished run.
+        """Append a finished run.
 
         Raises:
             InputError: the file cannot be written.
@@ -43,8 +49,9 @@ class FinishedRuns:
                 stream.write(json.dumps(record) + "\n")
         except OSError as error:
             raise InputError(
-                f"{self.path}: the finished run cannot be noted ({error.strerror or error}); the plan's next "
-                "run counts as its first"
+                f"{self.path}: the finished run cannot be recorded ({error.strerror or error}); "
+                "the plan's next "
+                "run will count as its first"
             ) from None
 
 

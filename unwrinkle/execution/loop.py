@@ -1,4 +1,7 @@
-"""Keeps an execution going until it has ended: operator, signals, page and executor, in turn; whatever fails ends in a stop."""
+"""Poll operator, signals, page and executor in turn until an execution has ended.
+
+Every error ends in a stop.
+"""
 
 import signal
 import threading
@@ -8,46 +11,48 @@ from contextlib import suppress
 from types import FrameType
 from typing import Any, Protocol, Self
 
-from unwrinkle.execution.controls import Controls, Instruction, carry_out
+from unwrinkle.execution.controls import Instruction, OperatorControls, carry_out
 from unwrinkle.execution.executor import ExecutionResult, PlanExecutor
 from unwrinkle.models.errors import InputError
 
-#: s between two rounds.
+#: Period of the loop, s.
 PERIOD = 0.02
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
 class Page(Protocol):
-    """A page that shows the execution."""
+    """Page that shows the execution."""
 
     @property
     def closed(self) -> bool:
-        """Whether it was open in a browser, and is no more."""
+        """Return whether the page was open in a browser and is no longer."""
         ...
 
     def update(self, now: float, text: str) -> Sequence[Instruction]:
-        """Show where the robot is; what was said by buttons since."""
+        """Show the robot's posture; return the instructions of its buttons since the last call."""
         ...
 
 
-class Interrupts:
-    """While it is open, signals that would end the program end its block instead; armed, they are only noted.
+class StopSignals:
+    """Catch signals that would end the program.
+
+    They end the block; while `armed`, they are only recorded.
 
     Attributes:
-        armed: whether the robot may be in motion, so that it has to be brought to rest first.
-        name: of the first that came while armed; empty if none.
-        number: of that signal; 0 if none.
+        armed: whether the robot may be moving and must be brought to rest first.
+        name: name of the first signal while armed; empty if there was none.
+        number: number of that signal; 0 if there was none.
     """
 
     def __init__(self) -> None:
-        """Nothing came yet."""
+        """Start without a signal."""
         self.armed = False
         self.name = ""
         self.number = 0
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> Self:
-        """Take the signals; only a program's main thread can."""
+        """Install the signal handlers; only the main thread of a program can."""
         if threading.current_thread() is threading.main_thread():
             for name in _SIGNALS:
                 number = getattr(signal, name)
@@ -55,7 +60,7 @@ class Interrupts:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave the signals as they were."""
+        """Restore the signal handlers."""
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
@@ -70,8 +75,8 @@ class Interrupts:
 
 def run_to_the_end(
     executor: PlanExecutor,
-    controls: Controls,
-    interrupts: Interrupts,
+    controls: OperatorControls,
+    interrupts: StopSignals,
     *,
     page: Page | None = None,
     tell: Callable[[str], None] = lambda text: None,
@@ -81,19 +86,19 @@ def run_to_the_end(
     """Run an execution to its end.
 
     Args:
-        executor: of the plan.
-        controls: what the operator says.
-        interrupts: signals that came.
-        page: that shows it; None for none.
-        tell: takes what the operator should read, where it changes.
-        clock: monotonic, s.
-        sleep: waits for a time, s.
+        executor: executor of the plan.
+        controls: instructions of the operator.
+        interrupts: signals that end the execution.
+        page: page that shows the execution; None for none.
+        tell: function that displays a message to the operator when it changes.
+        clock: monotonic clock, s.
+        sleep: function that waits for a time, s.
 
     Returns:
         How it ended.
 
     Raises:
-        Exception: what went wrong here, once the robot has been brought to rest.
+        Exception: an error of this loop, after the robot has come to rest.
     """
     loop = _Loop(executor, controls, interrupts, page, tell, clock())
     problem: Exception | None = None
@@ -115,16 +120,16 @@ class _Loop:
     def __init__(
         self,
         executor: PlanExecutor,
-        controls: Controls,
-        interrupts: Interrupts,
+        controls: OperatorControls,
+        interrupts: StopSignals,
         page: Page | None,
         tell: Callable[[str], None],
         begin: float,
     ) -> None:
         self._executor, self._controls, self._interrupts = executor, controls, interrupts
-        self._page, self._read_by_operator, self._begin = page, tell, begin
+        self._page, self._display, self._begin = page, tell, begin
         self._waiting: list[Instruction] = []
-        self._told = ""
+        self._displayed = ""
         self._page_closed = False
 
     def round(self, now: float) -> None:
@@ -132,17 +137,17 @@ class _Loop:
         if self._interrupts.name:
             executor.stop(f"{self._interrupts.name} received")
         try:
-            said = list(self._controls.read())
+            instructions = list(self._controls.read())
         except InputError as error:
-            # Whoever says what is not understood may have wanted it to stop.
+            # A line that cannot be parsed may have been meant as a stop.
             executor.hold(f"held: {error}")
-            said = []
+            instructions = []
         if self._page is not None:
-            said += self._page.update(now, self._text())
+            instructions += self._page.update(now, self._text())
             if self._page.closed and not self._page_closed:
-                executor.hold("held: the page was closed; r or resume goes on")
+                executor.hold("held: the page was closed")
             self._page_closed = self._page.closed
-        self._waiting += said
+        self._waiting += instructions
         due = [i for i in self._waiting if i.at is None or now - self._begin >= i.at]
         self._waiting = [i for i in self._waiting if i not in due]
         for instruction in due:
@@ -151,19 +156,17 @@ class _Loop:
                 self._tell(f"refused: {refused}")
         executor.poll(now)
         text = self._text()
-        if text != self._told:
-            self._told = text
+        if text != self._displayed:
+            self._displayed = text
             self._tell(text)
 
     def _tell(self, text: str) -> None:
-        with suppress(OSError):  # a terminal that is gone keeps nothing from stopping
-            self._read_by_operator(text)
+        with suppress(OSError):  # a closed terminal must not prevent a stop
+            self._display(text)
 
     def _text(self) -> str:
         executor = self._executor
         if executor.result is not None:
             return f"{executor.result.outcome} {executor.result.reason}".strip()
-        held = f", {executor.held}" if executor.held else ""
-        if held and "goes on" not in held:
-            held += "; r or resume goes on, s or stop ends it"
+        held = f", {executor.held}; r or resume goes on, s or stop ends it" if executor.held else ""
         return f"{executor.step} at {executor.speed:.0%}{held}"

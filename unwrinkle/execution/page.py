@@ -1,4 +1,7 @@
-"""The robot as it is measured, live in the browser while a plan is executed, with buttons to hold, resume and stop."""
+"""Live page of an execution.
+
+It shows the measured robot in the browser, with buttons to hold, resume and stop.
+"""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -12,19 +15,19 @@ from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.viewer.scene import CellScene, in_first_view
-from unwrinkle.viewer.text_panel import board
+from unwrinkle.viewer.text_panel import text_panel
 
-#: s between two pictures; each takes some milliseconds, of which the driver has none to spare.
+#: Update period, s; each update takes some milliseconds of the thread that the driver shares.
 PERIOD = 0.1
 _BUTTONS = ((HOLD, "KeyH"), (RESUME, "KeyR"), (STOP, "KeyS"))
 _SHADE = "#3b4654"
 
 
 class ExecutionPage:
-    """A page that follows the robot.
+    """Page that follows the robot.
 
     Attributes:
-        closed: whether it was open in a browser, and is no more.
+        closed: whether the page was open in a browser and is no longer.
     """
 
     def __init__(
@@ -37,10 +40,10 @@ class ExecutionPage:
         """Send the scene and the buttons.
 
         Args:
-            plan: that is executed.
-            cell: where.
-            meshcat: to show it in.
-            feedback: asks for the last of the robot.
+            plan: plan that is executed.
+            cell: robot and cell.
+            meshcat: Meshcat to show it in.
+            feedback: function that returns the robot's last feedback.
         """
         self._meshcat, self._feedback = meshcat, feedback
         self._scene = CellScene(cell, meshcat)
@@ -56,18 +59,18 @@ class ExecutionPage:
 
     @property
     def positions(self) -> Array:
-        """Of the thirteen axes as they are shown, rad."""
+        """Return the shown positions of the axes (13,), rad."""
         return self._scene.positions()[self._scene.indices.axes]
 
     def update(self, now: float, text: str) -> Sequence[Instruction]:
-        """Show where the robot is, some times a second.
+        """Show the robot's posture, at most once per `PERIOD`.
 
         Args:
-            now: any monotonic clock, s.
-            text: what the execution does.
+            now: time of any monotonic clock, s.
+            text: activity of the execution.
 
         Returns:
-            What was said by the buttons since the last time.
+            Instructions of the buttons since the last call.
         """
         if now - self._shown_at < PERIOD:
             return ()
@@ -81,12 +84,12 @@ class ExecutionPage:
             self._scene.publish()
         if text != self._text:
             self._text = text
-            self._meshcat.SetObject("execution", board([(text, _SHADE)], 0.10))
+            self._meshcat.SetObject("execution", text_panel([(text, _SHADE)], 0.10))
             self._meshcat.SetTransform("execution", in_first_view(-0.66, 0.58, 3.0))
-        said = []
+        instructions = []
         for name in self._clicks:
             clicks = int(self._meshcat.GetButtonClicks(name))
             if clicks > self._clicks[name]:
-                said.append(Instruction(name))
+                instructions.append(Instruction(name))
             self._clicks[name] = clicks
-        return said
+        return instructions

@@ -1,4 +1,4 @@
-"""What an execution asks of the driver and of the grippers: the interfaces alone."""
+"""Interfaces of the driver and the grippers that an execution uses."""
 
 from typing import Protocol
 
@@ -6,17 +6,17 @@ from unwrinkle.hardware.controller_state import DriverStatus, JointFeedback
 from unwrinkle.planning.trajectory import Trajectory
 
 
-class Driver(Protocol):
-    """What is asked of the controller's driver; see `DriverProcess`."""
+class ExecutionDriver(Protocol):
+    """Driver of the controller; see `DriverProcess`."""
 
     @property
     def status(self) -> DriverStatus:
-        """Its state."""
+        """Return the driver's state."""
         ...
 
     @property
     def feedback(self) -> JointFeedback | None:
-        """Of the robot."""
+        """Return the robot's last feedback; None before the first."""
         ...
 
     def run(self, number: int, trajectory: Trajectory, name: str = "") -> None:
@@ -28,7 +28,7 @@ class Driver(Protocol):
         ...
 
     def resume(self, number: int) -> None:
-        """Go on along the path."""
+        """Continue along the path after a hold."""
         ...
 
     def stop(self, reason: str) -> None:
@@ -36,46 +36,46 @@ class Driver(Protocol):
         ...
 
     def set_override(self, value: float) -> object:
-        """Share of the planned speed."""
+        """Set the share of the planned speed."""
         ...
 
 
-class GripperReport(Protocol):
-    """What grippers report."""
+class ExecutionGripperReport(Protocol):
+    """Report of the grippers."""
 
     @property
     def command(self) -> int:
-        """Number of the last command that both have finished."""
+        """Return the number of the last command that both grippers have finished."""
         ...
 
     @property
     def closed(self) -> tuple[bool, bool]:
-        """Whether they are closed, right and left."""
+        """Return whether the right and the left gripper are closed."""
         ...
 
     @property
     def holding(self) -> tuple[bool | None, bool | None]:
-        """Whether there is cloth between the blades; None where nothing can tell."""
+        """Return whether cloth is between the blades, right and left; None without a sensor."""
         ...
 
     @property
     def reason(self) -> str:
-        """Why they do not answer or work; empty if they do."""
+        """Return why the grippers do not answer or work; empty if they do."""
         ...
 
 
-class Grippers(Protocol):
-    """What is asked of the grippers."""
+class ExecutionGrippers(Protocol):
+    """Driver of both grippers."""
 
     @property
-    def status(self) -> GripperReport:
-        """Their report."""
+    def status(self) -> ExecutionGripperReport:
+        """Return the grippers' report."""
         ...
 
     def command(self, number: int, closed: tuple[bool, bool]) -> None:
-        """Close or open."""
+        """Close or open the right and the left gripper."""
         ...
 
     def poll(self, now: float) -> None:
-        """Go on; never waits."""
+        """Advance to a time, s; never waits."""
         ...

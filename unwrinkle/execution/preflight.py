@@ -1,6 +1,9 @@
-"""Everything that has to be right before anything moves: one row per check, and one verdict on the plan.
+"""Check everything that motion requires before it starts.
 
-Nothing here moves the robot, and nothing that is wrong is put right silently: it is said, with what to try.
+One row per check, and the verdict on the plan.
+
+No check moves the robot, and none corrects anything silently: a failure is reported with what to
+try.
 """
 
 import datetime
@@ -33,9 +36,9 @@ from unwrinkle.site.preflight_checks import (
     tip_speed,
 )
 
-#: A commissioning site's first run of a plan is at this speed at most.
+#: Maximum share of the planned speed in a plan's first run at a site under commissioning.
 FIRST_RUN_SPEED = 0.1
-VIRTUAL_BANNER = "VIRTUAL EQUIPMENT: the nominal calibration stands in for a measured one"
+VIRTUAL_BANNER = "VIRTUAL EQUIPMENT: the nominal calibration is used instead of a measured one"
 COMMISSIONING_BANNER = (
     "COMMISSIONING: tips at most 0.25 m/s, doubled clearances, dead-man key, first run at 10 %"
 )
@@ -43,12 +46,12 @@ COMMISSIONING_BANNER = (
 
 @dataclass(frozen=True)
 class PreflightCheck:
-    """One check.
+    """Result of one check.
 
     Attributes:
         name: one or two words.
-        passed: whether it is right.
-        text: what was found; where it is wrong, by how much and what to try.
+        passed: whether the check passed.
+        text: what was found; for a failure also by how much, and what to try.
     """
 
     name: str
@@ -58,14 +61,14 @@ class PreflightCheck:
 
 @dataclass(frozen=True)
 class Preflight:
-    """All checks.
+    """Results of all checks.
 
     Attributes:
-        checks: in order.
-        verdict: of the verification; None where the plan is of another cell.
+        checks: results in order.
+        verdict: verdict of the verification; None if the plan is for another cell.
         speed: share of the planned speed that was checked.
-        most_speed: share that the run may be raised to.
-        banner: what the operator has to be told in any case; may be empty.
+        most_speed: maximum share of the planned speed in this run.
+        banner: warning for the operator; may be empty.
     """
 
     checks: tuple[PreflightCheck, ...]
@@ -76,19 +79,19 @@ class Preflight:
 
     @property
     def passed(self) -> bool:
-        """Whether motion may begin."""
+        """Return whether motion may start."""
         return all(check.passed for check in self.checks)
 
     @property
     def failures(self) -> tuple[PreflightCheck, ...]:
-        """The checks that failed."""
+        """Return the checks that failed."""
         return tuple(check for check in self.checks if not check.passed)
 
     def check(self, name: str) -> PreflightCheck:
-        """The check of that name.
+        """Return the check of a name.
 
         Raises:
-            KeyError: there is none.
+            KeyError: there is no such check.
         """
         for check in self.checks:
             if check.name == name:
@@ -96,32 +99,35 @@ class Preflight:
         raise KeyError(name)
 
     def summary(self) -> str:
-        """One sentence."""
+        """Return one sentence on the checks."""
         if self.passed:
             return "all preflight checks passed"
         return "motion refused: " + "; ".join(f"{c.name}: {c.text}" for c in self.failures)
 
 
-class GrippersSay(Protocol):
-    """What is asked of the grippers' report."""
+class GripperState(Protocol):
+    """Part of the grippers' report that is checked."""
 
     @property
     def closed(self) -> tuple[bool, bool]:
-        """Whether they are closed, right and left."""
+        """Return whether the right and the left gripper are closed."""
         ...
 
     @property
     def reason(self) -> str:
-        """Why they do not answer or work; empty if they do."""
+        """Return why the grippers do not answer or work; empty if they do."""
         ...
 
 
 def chosen_speed(
-    site: Site, plan: FlatteningPlan, wanted: float | None, finished: FinishedRuns
+    site: Site, plan: FlatteningPlan, requested: float | None, finished: FinishedRuns
 ) -> float:
-    """Share of the planned speed to execute at: what is wanted, else the site's, slower in a commissioning's first run."""
-    if wanted is not None:
-        return wanted
+    """Return the share of the planned speed to execute at.
+
+    It is the requested one, else the site's, reduced in a first run under commissioning.
+    """
+    if requested is not None:
+        return requested
     first = finished.count(site.name, plan.content_hash) == 0
     return min(site.speed, FIRST_RUN_SPEED) if site.commissioning and first else site.speed
 
@@ -135,33 +141,33 @@ def preflight(
     now: float,
     *,
     speed: float | None = None,
-    grippers: GrippersSay | None = None,
+    grippers: GripperState | None = None,
     log: Path | None = None,
     finished: FinishedRuns | None = None,
     today: datetime.date | None = None,
 ) -> Preflight:
-    """Check all that has to be right before a plan is executed.
+    """Check everything that the execution of a plan requires.
 
     Args:
-        plan: to be executed.
-        cell: where it is.
-        site: with what.
-        feedback: the last of the robot; None if none came.
-        status: of the driver; None if there is none.
-        now: on the driver's clock, s.
+        plan: plan to be executed.
+        cell: robot and cell.
+        site: devices and their settings.
+        feedback: last feedback of the robot; None if there is none.
+        status: status of the driver; None if there is none.
+        now: time of the driver's clock, s.
         speed: share of the planned speed; the site's if left out.
-        grippers: their report; None where none could be asked.
-        log: file of the run log; None for a dry run that keeps none.
-        finished: which plans were run before; the user's own record if left out.
-        today: for the calibration's age.
+        grippers: report of the grippers; None if they could not be asked.
+        log: file of the run log; None for a dry run without one.
+        finished: record of finished runs; the user's own if left out.
+        today: date for the calibration's age; today if left out.
 
     Returns:
-        The checks; a plan that may not be run is a value, not an exception.
+        The results; a plan that may not be executed is a result, not an exception.
     """
     finished = FinishedRuns() if finished is None else finished
     day = datetime.date.today() if today is None else today
     used = chosen_speed(site, plan, speed, finished)
-    rows = _Rows()
+    rows = _CheckList()
     identity = rows.ask("plan", lambda: _check_plan(plan, cell))
     rows.ask("controller", lambda: _check_driver(status))
     rows.ask("robot", lambda: _check_robot(status))
@@ -173,7 +179,8 @@ def preflight(
         rows.ask("posture", lambda: _check_posture(cell, plan, positions))
         rows.ask("start", lambda: _check_start(plan, cell, site, positions))
     if identity:
-        # The verification knows no tolerance at the start: how far the robot is from there was just checked.
+        # The verification has no tolerance at the start; the robot's distance from it was checked
+        # above.
         verdict = verify(plan, cell, start=plan.segments[0].trajectory.positions[0])
         checked = verdict
         rows.ask("verification", lambda: _check_verdict(checked))
@@ -193,7 +200,7 @@ def preflight(
     return Preflight(tuple(rows.checks), verdict, used, most, "; ".join(banners))
 
 
-def last_look(
+def recheck(
     preflight: Preflight,
     plan: FlatteningPlan,
     cell: Cell,
@@ -202,12 +209,12 @@ def last_look(
     status: DriverStatus | None,
     now: float,
 ) -> str:
-    """Look again at what can have changed since the preflight, after the operator has agreed.
+    """Repeat, after the confirmation, the preflight checks whose result may have changed.
 
     Returns:
-        Why motion may not begin; empty if it may.
+        Why motion may not start; empty if it may.
     """
-    rows = _Rows()
+    rows = _CheckList()
     rows.ask("controller", lambda: _check_driver(status))
     rows.ask("robot", lambda: _check_robot(status))
     if rows.ask("feedback", lambda: _check_feedback(site, feedback, now)) and feedback is not None:
@@ -219,8 +226,8 @@ def last_look(
     return (preflight if not preflight.passed else again).summary()
 
 
-class _Rows:
-    """Collects the checks: what a check returns is its text, and an `InputError` is its failure."""
+class _CheckList:
+    """Collect check results: a check returns its text, and fails with an `InputError`."""
 
     def __init__(self) -> None:
         self.checks: list[PreflightCheck] = []
@@ -248,18 +255,18 @@ def _check_driver(status: DriverStatus | None) -> str:
         raise InputError(status.reason)
     if status.state != READY:
         raise InputError(f"the driver is {status.state}, not ready: {status.reason or 'wait'}")
-    return "connected, and nobody else drives it from here"
+    return "connected; no other program here drives the robot"
 
 
 def _in_motion(status: DriverStatus | None) -> bool:
-    """Whether the robot's status reports motion: then where it stands says nothing yet."""
+    """Return whether the robot's status reports motion: its posture is then not checked yet."""
     return status is not None and status.robot is not None and status.robot.in_motion == 1
 
 
 def _check_robot(status: DriverStatus | None) -> str:
     robot = None if status is None else status.robot
     if robot is None:
-        raise InputError("no status of the robot has come; is its state server running?")
+        raise InputError("the robot's status has not arrived; is its state server running?")
     if robot.problem:
         raise InputError(robot.problem)
     if robot.in_motion == 1:
@@ -271,14 +278,17 @@ def _check_robot(status: DriverStatus | None) -> str:
 
 def _check_feedback(site: Site, feedback: JointFeedback | None, now: float) -> str:
     if feedback is None:
-        raise InputError("no joint feedback has come; is the controller's state server running?")
+        raise InputError("no joint feedback has arrived; is the controller's state server running?")
     age, most = now - feedback.received, site.controller.hold_after
     if not age <= most:
         raise InputError(
-            f"the last joint feedback is {age:.2f} s old, at most {most:.2f} s; is the connection alive?"
+            f"the last joint feedback is {age:.2f} s old, at most {most:.2f} s is allowed; is the "
+            "connection alive?"
         )
     if feedback.positions.shape != (13,) or not np.isfinite(feedback.positions).all():
-        raise InputError("the joint feedback is not thirteen finite numbers")
+        raise InputError(
+            "the joint feedback is not thirteen finite numbers; check the site's groups"
+        )
     return f"{1e3 * max(age, 0.0):.0f} ms old"
 
 
@@ -287,8 +297,8 @@ def _check_posture(cell: Cell, plan: FlatteningPlan, positions: np.ndarray) -> s
     posture = check_posture(cell, positions, closed)
     if posture.problems:
         raise InputError("; ".join(posture.problems) + "; " + escape(cell, positions, closed))
-    near = f"{1e3 * posture.margin:.0f} mm more than its padding"
-    return "within limits; " + (near if np.isfinite(posture.margin) else "nothing is near")
+    near = f"smallest clearance {1e3 * posture.margin:.0f} mm above its padding"
+    return "within limits; " + (near if np.isfinite(posture.margin) else "no two bodies are near")
 
 
 def _check_start(plan: FlatteningPlan, cell: Cell, site: Site, positions: np.ndarray) -> str:
@@ -302,8 +312,10 @@ def _check_start(plan: FlatteningPlan, cell: Cell, site: Site, positions: np.nda
         far = np.flatnonzero(np.abs(off) > most)
         moves = ", ".join(f"{cell.robot.axes[i]} by {np.degrees(-off[i]):+.3f} deg" for i in far)
         raise InputError(
-            f"the robot stands away from the plan's start: {cell.robot.axes[axis]} by {1e3 * worst:.2f} mrad, "
-            f"at most {1e3 * most[axis]:.2f} mrad; jog it there with the pendant: {moves}"
+            f"the robot is not at the plan's start: {cell.robot.axes[axis]} is off by "
+            f"{1e3 * worst:.2f} mrad, "
+            f"at most {1e3 * most[axis]:.2f} mrad is allowed; jog the robot there with the "
+            f"pendant: {moves}"
         )
     return f"within {1e3 * np.abs(off).max():.2f} mrad of the plan's start"
 
@@ -316,18 +328,20 @@ def _check_verdict(verdict: Verdict) -> str:
     return verdict.summary()
 
 
-def _check_grippers(site: Site, plan: FlatteningPlan, grippers: GrippersSay | None) -> str:
+def _check_grippers(site: Site, plan: FlatteningPlan, grippers: GripperState | None) -> str:
     if site.grippers.kind == "none":
-        return "this site has none: the plan's gripper events become pauses, no cloth is held"
+        return "this site has no grippers: gripper events are pauses, no cloth is held"
     if grippers is None:
-        raise InputError("the grippers were not asked")
+        raise InputError("the grippers did not report; see `unwrinkle site check`")
     if grippers.reason:
         raise InputError(f"{grippers.reason}; see `unwrinkle site check`")
-    wanted = plan.segments[0].closed if plan.segments else grippers.closed
-    for side, closed, want in zip(("right", "left"), grippers.closed, wanted, strict=True):
-        if closed != want:
+    required = plan.segments[0].closed if plan.segments else grippers.closed
+    for side, closed, needed in zip(("right", "left"), grippers.closed, required, strict=True):
+        if closed != needed:
             raise InputError(
-                f"the {side} gripper is {'closed' if closed else 'open'}, the plan begins with it "
-                f"{'closed' if want else 'open'}; see what it holds, and set it with the pendant's outputs"
+                f"the {side} gripper is {'closed' if closed else 'open'}, but the plan starts with "
+                "it "
+                f"{'closed' if needed else 'open'}; check what it holds, and set it with the "
+                "pendant's outputs"
             )
-    return f"{site.grippers.kind}: they answer"
+    return f"{site.grippers.kind}: the grippers answer"

@@ -1,4 +1,7 @@
-"""A connected robot for programs: preflight and execution of verified plans, without a terminal."""
+"""Connect to a robot from a program.
+
+A `Robot` checks and executes verified plans, without a terminal.
+"""
 
 import datetime
 from collections.abc import Iterator
@@ -9,47 +12,47 @@ from unwrinkle import __version__
 from unwrinkle.execution.controls import Instruction
 from unwrinkle.execution.executor import DONE, ExecutionResult, PlanExecutor
 from unwrinkle.execution.finished_runs import FinishedRuns
-from unwrinkle.execution.loop import Interrupts, run_to_the_end
-from unwrinkle.execution.preflight import Preflight, last_look, preflight
-from unwrinkle.garbage import collected_at_rest
+from unwrinkle.execution.loop import StopSignals, run_to_the_end
+from unwrinkle.execution.preflight import Preflight, preflight, recheck
+from unwrinkle.garbage import gc_disabled
 from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.models.errors import HardwareError, InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.models.site import Site
 from unwrinkle.planning.plan import FlatteningPlan
-from unwrinkle.site.equipment import Equipment, connected
+from unwrinkle.site.equipment import SiteEquipment, connected
 from unwrinkle.site.sites import find_site, site_cell
 from unwrinkle.site.virtual_process import virtual_controller
 
-#: Characters of a plan's hash that confirm it on a robot.
+#: Minimum number of characters of a plan's hash that confirm it.
 _CONFIRMATION = 6
 
 
 class Robot:
-    """A site's controller and grippers, connected.
+    """Connected controller and grippers of a site.
 
     Attributes:
-        site: whose they are.
-        cell: that plans are checked in.
+        site: site of the devices.
+        cell: cell in which plans are checked.
         equipment: driver and grippers.
     """
 
-    def __init__(self, site: Site, cell: Cell, equipment: Equipment, log: RunLog) -> None:
-        """Keep what `connect` has connected."""
+    def __init__(self, site: Site, cell: Cell, equipment: SiteEquipment, log: RunLog) -> None:
+        """Keep the connection that `connect` has made."""
         self.site, self.cell, self.equipment = site, cell, equipment
         self._log = log
         self._finished = FinishedRuns()
 
     @property
     def log(self) -> Path:
-        """File of the run log: all points sent and all feedback measured."""
+        """Return the file of the run log, with all points sent and all feedback measured."""
         return self._log.path
 
     def preflight(self, plan: FlatteningPlan, *, speed: float | None = None) -> Preflight:
-        """Check everything that an execution needs; nothing is sent.
+        """Check everything that an execution requires; nothing is sent.
 
         Args:
-            plan: to be executed.
+            plan: plan to be executed.
             speed: share of the planned speed; the site's if left out.
         """
         self.equipment.settle()
@@ -67,27 +70,29 @@ class Robot:
     def execute(
         self, plan: FlatteningPlan, *, speed: float | None = None, confirm: str = ""
     ) -> ExecutionResult:
-        """Verify a plan from where the robot stands, and execute it to its end.
+        """Verify a plan from the robot's posture, and execute it to its end.
 
         Ctrl-C and SIGTERM brake along the path.
 
         Args:
-            plan: to be executed.
+            plan: plan to be executed.
             speed: share of the planned speed; the site's if left out.
-            confirm: the first six characters of the plan's hash, or more; not needed where the equipment is virtual.
+            confirm: six or more first characters of the plan's hash; not required for virtual
+                equipment.
 
         Raises:
-            InputError: the plan is not confirmed, or the site is being commissioned (use `unwrinkle execute`, which has
-                the dead-man key).
-            HardwareError: a preflight check failed, nothing was sent; or the execution did not come to its end.
+            InputError: the plan is not confirmed, or the site is under commissioning (use
+                `unwrinkle execute`, which has the dead-man key).
+            HardwareError: a preflight check failed and nothing was sent, or the execution did not
+                reach its end.
         """
         self._check_confirmed(plan, confirm)
         with ExitStack() as stack:
-            stack.enter_context(collected_at_rest())
-            interrupts = stack.enter_context(Interrupts())
+            stack.enter_context(gc_disabled())
+            interrupts = stack.enter_context(StopSignals())
             checked = self.preflight(plan, speed=speed)
             problem = "" if checked.passed else checked.summary()
-            problem = problem or last_look(
+            problem = problem or recheck(
                 checked, plan, self.cell, self.site, *self.equipment.fresh_feedback()
             )
             if problem:
@@ -104,7 +109,8 @@ class Robot:
             result = run_to_the_end(executor, _NoControls(), interrupts)
         if result.outcome != DONE:
             raise HardwareError(
-                f"{result.outcome} after {', '.join(result.finished) or 'no segment'}: {result.reason}; "
+                f"{result.outcome} after {', '.join(result.finished) or 'no segment'}: "
+                f"{result.reason}; "
                 "a new plan from home is needed"
             )
         self._finished.add(self.site.name, plan.content_hash, checked.speed)
@@ -115,13 +121,14 @@ class Robot:
             return
         if self.site.commissioning:
             raise InputError(
-                f"site {self.site.name} is being commissioned, which needs the dead-man key of "
+                f"site {self.site.name} is under commissioning, which requires the dead-man key of "
                 "`unwrinkle execute`"
             )
         text = confirm.strip().lower()
         if len(text) < _CONFIRMATION or not plan.content_hash.startswith(text):
             raise InputError(
-                f"the plan is not confirmed: give confirm=... with the first {_CONFIRMATION} characters of "
+                f"the plan is not confirmed: give confirm=... with the first {_CONFIRMATION} "
+                "characters of "
                 f"its hash, {plan.content_hash[:_CONFIRMATION]}; nothing was sent"
             )
 
@@ -132,11 +139,11 @@ def connect(
 ) -> Iterator[Robot]:
     """Connect to a site's controller and grippers; hold, disconnect and unlock at the end.
 
-    Where the site's equipment is virtual, its virtual controller is started, in a process of its own, and ended.
+    For a site with virtual equipment, its virtual controller runs in a separate process meanwhile.
 
     Args:
         site: a shipped site (`loopback`), or a site's file.
-        cell: that plans are checked in; the site's own if left out.
+        cell: cell in which plans are checked; the site's own if left out.
         log: file of the run log; `run-TIME.jsonl` in the working folder if left out.
 
     Raises:
@@ -157,7 +164,7 @@ def connect(
 
 
 class _NoControls:
-    """No operator at a terminal."""
+    """Source without instructions: there is no operator at a terminal."""
 
     def read(self) -> list[Instruction]:
         """Return no instruction."""

@@ -1,4 +1,4 @@
-"""One call of `unwrinkle execute`: connect, check, show, ask, run, and leave everything clean."""
+"""One call of `unwrinkle execute`: connect, check, show, confirm, run, disconnect."""
 
 import contextlib
 import dataclasses as dc
@@ -16,45 +16,45 @@ from unwrinkle import __version__
 from unwrinkle.execution.controls import DEAD_MAN_KEY, KEYS, open_controls
 from unwrinkle.execution.executor import DONE, ExecutionResult, PlanExecutor
 from unwrinkle.execution.finished_runs import FinishedRuns
-from unwrinkle.execution.loop import Interrupts, run_to_the_end
+from unwrinkle.execution.loop import StopSignals, run_to_the_end
 from unwrinkle.execution.page import ExecutionPage
-from unwrinkle.execution.preflight import Preflight, chosen_speed, last_look, preflight
-from unwrinkle.garbage import collected_at_rest
+from unwrinkle.execution.preflight import Preflight, chosen_speed, preflight, recheck
+from unwrinkle.garbage import gc_disabled
 from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.models.errors import HardwareError, InputError, NoSafePlanError
 from unwrinkle.models.io.files import write_text
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification.verifier import verify
-from unwrinkle.site.equipment import Equipment, connected
+from unwrinkle.site.equipment import SiteEquipment, connected
 from unwrinkle.site.queue_clearing import clear_confirmed
 from unwrinkle.site.sites import find_site, site_cell
 from unwrinkle.viewer.overlay import PreviewSummary
 from unwrinkle.viewer.preview import preview_page
 from unwrinkle.viewer.scene import start_meshcat
 
-#: So many characters of the plan's hash confirm it.
+#: Number of characters of the plan's hash that confirm it.
 CONFIRM = 6
-#: Columns of a table that is not shown in a terminal.
+#: Width of a table outside a terminal, columns.
 _WIDTH = 140
-#: Above the measured lag a latency is proposed by so much, s.
+#: Margin of the proposed latency over the measured lag, s.
 LATENCY_MARGIN = 0.03
 
 
 @dataclass(frozen=True)
 class ExecutionOptions:
-    """What the user asked for.
+    """Options of an execution.
 
     Attributes:
-        plan: its file.
-        site: a file or a shipped name.
-        go: whether to move.
-        confirmation: first characters of the plan's hash, where they are given beforehand.
+        plan: file of the plan.
+        site: site file, or name of a shipped site.
+        go: whether to move the robot.
+        confirmation: first characters of the plan's hash, if given in advance.
         speed: share of the planned speed; None for the site's.
         log: file of the run log; None for a new one with `go`, and for none without.
         html: file of the preview page; None for none.
         live: whether to show the robot live.
         commands: file of instructions, `-` for standard input; None for the terminal's keys.
-        clear_queue: whether to empty the controller's queues first, once that is confirmed.
+        clear_queue: whether to empty the controller's queues first, after confirmation.
     """
 
     plan: Path
@@ -70,7 +70,7 @@ class ExecutionOptions:
 
 
 class ExecutionSession:
-    """Holds what one execution needs; `run` does it."""
+    """Prepare one execution; `run` carries it out."""
 
     def __init__(
         self,
@@ -82,12 +82,13 @@ class ExecutionSession:
         """Read plan, site and cell; nothing is connected.
 
         Args:
-            options: what was asked for.
-            console: to write to.
-            finished: record of earlier runs; the user's own if left out.
+            options: options of the user.
+            console: console for the output.
+            finished: record of finished runs; the user's own if left out.
 
         Raises:
-            InputError: a file is missing or wrong, the plan is for another cell, or the confirmation is another plan's.
+            InputError: a file is missing or wrong, the plan is for another cell, or the
+                confirmation is for another plan.
         """
         self._options = options
         self._console = Console() if console is None else console
@@ -102,15 +103,15 @@ class ExecutionSession:
             self._check_confirmation(options.confirmation)
 
     def run(self) -> int:
-        """Execute, or show what an execution would be.
+        """Execute the plan; without `go`, check and show it only.
 
         Returns:
-            The number of the signal that ended it; 0 if none did.
+            Number of the signal that ended it; 0 if none did.
 
         Raises:
             NoSafePlanError: the plan is not verified.
-            HardwareError: a device, a check or the operator stands against it, or it did not come to its end.
-            InputError: a file cannot be written, or the confirmation is wrong.
+            HardwareError: a check or a device failed, or the execution did not reach its end.
+            InputError: a file cannot be written, or the plan was not confirmed.
         """
         options = self._options
         start = self._plan.segments[0].trajectory.positions[0]
@@ -128,8 +129,8 @@ class ExecutionSession:
             clear_confirmed(self._site, self._console)
         path = self._log_path()
         with contextlib.ExitStack() as stack:
-            stack.enter_context(collected_at_rest())
-            interrupts = stack.enter_context(Interrupts())
+            stack.enter_context(gc_disabled())
+            interrupts = stack.enter_context(StopSignals())
             log = None if path is None else stack.enter_context(self._create_log(path, speed))
             if path is not None:
                 self._say(f"log     {path}")
@@ -144,7 +145,8 @@ class ExecutionSession:
                 return 0
             assert log is not None
             self._confirm(checked)
-            # From here on until the equipment is left, no signal may cut a motion's end short.
+            # From here until the equipment is disconnected, a signal must not interrupt the
+            # motion's end.
             interrupts.armed = True
             result = self._execute(equipment, checked, interrupts, log)
             self._say_lag(equipment.driver.status.lag)
@@ -170,7 +172,7 @@ class ExecutionSession:
         }
         return RunLog.create(path, header)
 
-    def _check(self, equipment: Equipment, speed: float, path: Path | None) -> Preflight:
+    def _check(self, equipment: SiteEquipment, speed: float, path: Path | None) -> Preflight:
         equipment.settle()
         checked = preflight(
             self._plan,
@@ -206,10 +208,10 @@ class ExecutionSession:
         )
 
     def _confirm(self, checked: Preflight) -> None:
-        """Ask for the plan's hash, unless it was given.
+        """Ask for the first characters of the plan's hash, unless they were given in advance.
 
         Raises:
-            InputError: it is another one, or none.
+            InputError: they are wrong or missing.
         """
         assert checked.verdict is not None
         near = checked.verdict.smallest
@@ -222,12 +224,14 @@ class ExecutionSession:
         self._say(f"        {clearance}; {checked.speed:.0%} of the planned speed")
         if self._options.confirmation is not None:
             return
-        self._say("The robot will move. Keep clear of it, and the emergency stop in reach.")
+        self._say("The robot will move. Keep clear of it, with the emergency stop in reach.")
         prompt = f"Type the first {CONFIRM} characters of the plan's hash to go: "
         try:
             typed = self._console.input(prompt)
         except EOFError:
-            raise InputError("nobody confirmed the motion; type the hash, or give --yes") from None
+            raise InputError(
+                "the motion was not confirmed: there is no terminal; type the hash, or give --yes"
+            ) from None
         self._check_confirmation(typed)
 
     def _check_confirmation(self, typed: str) -> None:
@@ -235,12 +239,13 @@ class ExecutionSession:
         if len(text) < CONFIRM or not self._plan.content_hash.startswith(text):
             raise InputError(
                 f"'{text[:12]}' does not confirm this plan: its hash begins with "
-                f"{self._plan.content_hash[:CONFIRM]}, and {CONFIRM} characters or more are needed; nothing "
+                f"{self._plan.content_hash[:CONFIRM]}, and {CONFIRM} characters or more are "
+                "needed; nothing "
                 "has moved"
             )
 
     def _execute(
-        self, equipment: Equipment, checked: Preflight, interrupts: Interrupts, log: RunLog
+        self, equipment: SiteEquipment, checked: Preflight, interrupts: StopSignals, log: RunLog
     ) -> ExecutionResult:
         driver, site = equipment.driver, self._site
         page = None
@@ -248,7 +253,7 @@ class ExecutionSession:
             meshcat = start_meshcat()
             page = ExecutionPage(self._plan, self._cell, meshcat, lambda: driver.feedback)
             self._say(f"live    {meshcat.web_url()}")
-        again = last_look(
+        again = recheck(
             checked,
             self._plan,
             self._cell,
@@ -271,24 +276,28 @@ class ExecutionSession:
             return run_to_the_end(executor, controls, interrupts, page=page, tell=self._say)
 
     def _say_lag(self, lag: float) -> None:
-        """Tell how late the robot followed, and what to set where that is unmeasured or near the bound."""
+        """Print the robot's lag, and the latency to set if the lag is close to its limit."""
         if lag <= 0.0:
             return
         latency = self._site.controller.latency
-        text = f"lag     {1e3 * lag:.0f} ms from a command to its feedback; controller.latency is {latency:g} s"
+        text = (
+            f"lag     {1e3 * lag:.0f} ms from a command to its feedback; "
+            f"controller.latency is {latency:g} s"
+        )
         proposed = math.ceil(50.0 * (lag + LATENCY_MARGIN)) / 50.0
         if self._site.commissioning or lag > 0.9 * latency:
-            text += f": set it to {proposed:.2f}"
+            text += f"; set it to {proposed:.2f}"
         self._say(text)
 
-    def _end(self, result: ExecutionResult, checked: Preflight, interrupts: Interrupts) -> int:
+    def _end(self, result: ExecutionResult, checked: Preflight, interrupts: StopSignals) -> int:
         if result.outcome != DONE:
             if interrupts.number:
-                self._say(f"{result.outcome}: {result.reason}; the robot rests")
+                self._say(f"{result.outcome}: {result.reason}; the robot is at rest")
                 return interrupts.number
             raise HardwareError(
-                f"{result.outcome} after {', '.join(result.finished) or 'no segment'}: {result.reason}; a new "
-                "plan from home is needed"
+                f"{result.outcome} after {', '.join(result.finished) or 'no segment'}: "
+                f"{result.reason}; make a "
+                "new plan from home"
             )
         self._say(f"done: {', '.join(result.finished)}")
         try:

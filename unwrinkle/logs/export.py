@@ -1,4 +1,4 @@
-"""A run log as an MCAP file, for tools that plot and replay recordings."""
+"""Export a run log to MCAP, for tools that plot and replay recordings."""
 
 import datetime
 import json
@@ -15,7 +15,7 @@ _TIME = {
     "type": "object",
     "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}},
 }
-#: As sensor_msgs/JointState; the commanded points carry their place in the trajectory as well.
+#: Schema like sensor_msgs/JointState; commanded points also carry their place in the trajectory.
 JOINT_STATE = {
     "type": "object",
     "title": "JointState",
@@ -36,8 +36,8 @@ def export_mcap(records: RunLogRecords, path: str | Path) -> int:
     """Write an MCAP file with the channels /commanded, /measured, /status and /events.
 
     Args:
-        records: of the log.
-        path: of the file, written whole or not at all.
+        records: records of the log.
+        path: file to write, atomically.
 
     Returns:
         The number of messages.
@@ -77,7 +77,10 @@ def export_mcap(records: RunLogRecords, path: str | Path) -> int:
 
 
 def _wall_clock(records: RunLogRecords) -> float:
-    """Seconds from 1970 to the zero of the log's monotonic clock; 0 where the header does not say."""
+    """Return the seconds from 1970 to time 0 of the log's monotonic clock.
+
+    They are 0 if the header lacks them.
+    """
     begun, clock = records.header.get("begun"), records.header.get("clock")
     if not isinstance(begun, str) or not isinstance(clock, int | float):
         return 0.0
@@ -90,7 +93,7 @@ def _wall_clock(records: RunLogRecords) -> float:
 def _messages(
     records: RunLogRecords, names: list[str]
 ) -> list[tuple[float, str, str, dict[str, Any]]]:
-    """Time on the log's clock (s), topic, schema and content of every record."""
+    """Return time on the log's clock (s), topic, schema and content of every record."""
     found: list[tuple[float, str, str, dict[str, Any]]] = []
     sent, seen = records.commanded, records.measured
     for i, time in enumerate(sent.times.tolist()):

@@ -1,4 +1,4 @@
-"""A run log in the browser: the robot as it was measured, the grippers as they were commanded, what happened beside it."""
+"""Replay a run log in the browser: the measured robot, the commanded grippers, and the events."""
 
 from dataclasses import dataclass
 from html import escape
@@ -17,11 +17,15 @@ from unwrinkle.viewer.overlay import closed_page
 from unwrinkle.viewer.plan_shapes import target_shapes, wrinkle_shapes
 from unwrinkle.viewer.scene import CellScene, rgba, start_meshcat
 
+#: Frames per second of the animation.
 FRAME_RATE = 30.0
+#: Maximum number of frames.
 MOST_FRAMES = 900
-#: Rest that is shown before the first and after the last motion, s.
+#: Time at rest shown before the first and after the last motion, s.
 _MARGIN = 1.0
+#: Displacement between two sets of feedback above which the robot counts as moving, rad.
 _MOVES = 1e-3
+#: Maximum number of listed events.
 _MOST_EVENTS = 40
 
 _PANEL = """
@@ -33,13 +37,13 @@ font:13px/1.4 system-ui,sans-serif;color:#1c2833;background:rgba(255,255,255,.92
 
 @dataclass(frozen=True, eq=False)
 class MeasuredTrack:
-    """Where the robot was measured, and where its blades were commanded, over time.
+    """Measured posture of the robot and commanded openings of the grippers over time.
 
     Attributes:
-        begin: of what is shown, host's clock, s.
-        times: (n,) s after the begin, increasing.
+        begin: start of the shown part, host's clock, s.
+        times: (n,) s after the start, increasing.
         positions: (n, 13) rad.
-        openings: (n, 2) distance between the blades, m.
+        openings: (n, 2) m.
     """
 
     begin: float
@@ -49,21 +53,21 @@ class MeasuredTrack:
 
     @property
     def duration(self) -> float:
-        """Of what is shown, s."""
+        """Return the duration of the shown part, s."""
         return float(self.times[-1])
 
     def at(self, time: float) -> tuple[Array, Array]:
-        """Axes (13,) and openings (2,) at a time after the begin, s."""
+        """Return axes (13,), rad, and openings (2,), m, at a time after the start, s."""
         axes = [np.interp(time, self.times, column) for column in self.positions.T]
         blades = [np.interp(time, self.times, column) for column in self.openings.T]
         return np.array(axes), np.array(blades)
 
 
 def measured_track(records: RunLogRecords, cell: Cell) -> MeasuredTrack:
-    """The part of a log in which the robot moves, with a little rest before and after.
+    """Extract the part of a log in which the robot moves, with a margin at rest.
 
     Raises:
-        InputError: the log holds no two sets of feedback.
+        InputError: the log has fewer than two sets of feedback.
     """
     measured = records.measured
     good = np.asarray(np.isfinite(measured.positions).all(axis=1))
@@ -71,7 +75,9 @@ def measured_track(records: RunLogRecords, cell: Cell) -> MeasuredTrack:
     increasing = np.concatenate([[True], np.diff(times) > 0.0]) if len(times) else good[:0]
     times, positions = times[increasing], positions[increasing]
     if len(times) < 2:
-        raise InputError("the log holds no joint feedback to show; the run ended before any came")
+        raise InputError(
+            "the log has fewer than two sets of joint feedback, so there is nothing to show"
+        )
     moved = np.flatnonzero(np.abs(np.diff(positions, axis=0)).max(axis=1) > _MOVES)
     first, last = (times[moved[0]], times[moved[-1] + 1]) if len(moved) else (times[0], times[-1])
     shown = (times >= first - _MARGIN) & (times <= last + _MARGIN)
@@ -81,7 +87,7 @@ def measured_track(records: RunLogRecords, cell: Cell) -> MeasuredTrack:
 
 
 def _openings(events: tuple[LogEvent, ...], times: Array, cell: Cell) -> Array:
-    """Distances between the blades (n, 2), from the commands and the blades' speed."""
+    """Compute the grippers' openings (n, 2), m, from the commands and the blades' speed."""
     opening, speed = float(cell.scenario.gripper.opening), float(cell.limits.gripper.velocity)
     result = np.full((len(times), 2), opening)
     value = np.full(2, opening)
@@ -103,7 +109,7 @@ def _closed(event: LogEvent) -> list[bool] | None:
 
 
 def plan_of(records: RunLogRecords) -> FlatteningPlan | None:
-    """The plan that a log names, if it is still there unchanged."""
+    """Load the plan that a log names; None if the file is missing or has changed."""
     path = records.header.get("plan_file")
     if not isinstance(path, str) or not Path(path).is_file():
         return None
@@ -115,11 +121,11 @@ def plan_of(records: RunLogRecords) -> FlatteningPlan | None:
 
 
 def cell_of(records: RunLogRecords, scenario: Path | None = None) -> Cell:
-    """The cell that a log was made in.
+    """Load the cell of a log.
 
     Args:
-        records: of the log.
-        scenario: another one; None for the log's own.
+        records: records of the log.
+        scenario: scenario to use instead; None for the log's own.
 
     Raises:
         InputError: the scenario is missing or wrong.
@@ -133,13 +139,13 @@ def cell_of(records: RunLogRecords, scenario: Path | None = None) -> Cell:
 def replay_page(
     records: RunLogRecords, cell: Cell, plan: FlatteningPlan | None, *, title: str = ""
 ) -> str:
-    """Build a self-contained page of what was measured.
+    """Build a self-contained page of the measured motion.
 
     Args:
-        records: of the log.
-        cell: it was made in.
-        plan: that was run, for the garment and the target; None where it is not at hand.
-        title: of the page.
+        records: records of the log.
+        cell: cell of the log.
+        plan: executed plan, for the garment and the target; None if it is unavailable.
+        title: title of the page.
 
     Raises:
         InputError: the log holds no motion to show.
@@ -165,7 +171,7 @@ def replay_page(
 
 
 def draw_plan(meshcat: Any, plan: FlatteningPlan) -> None:
-    """Draw the garment as it was seen, the wrinkle and the target under `plan/`."""
+    """Draw the observed garment, the wrinkle and the target under `plan/`."""
     garment = plan.garment
     if garment is not None:
         meshcat.SetTriangleColorMesh(
@@ -181,14 +187,18 @@ def draw_plan(meshcat: Any, plan: FlatteningPlan) -> None:
 def _panel(records: RunLogRecords, track: MeasuredTrack, heading: str) -> str:
     header = records.header
     facts = [
-        f"plan {str(header.get('plan_hash', 'unknown'))[:12]} at site {header.get('site', 'unknown')}",
+        (
+            f"plan {str(header.get('plan_hash', 'unknown'))[:12]} at site "
+            f"{header.get('site', 'unknown')}"
+        ),
         f"begun {header.get('begun', '')}",
-        "the robot is shown as it was measured, the grippers as they were commanded",
+        "the robot is shown as measured, the grippers as commanded",
     ]
     if records.cut:
-        facts.append("the log was cut short: its program ended without closing it")
+        facts.append("the log is incomplete: the program ended without closing it")
     rows = [
-        f"<tr><td style='text-align:right;white-space:nowrap'>{event.time - track.begin:.2f} s</td><td>{escape(event.kind)}</td>"
+        f"<tr><td style='text-align:right;white-space:nowrap'>{event.time - track.begin:.2f} "
+        f"s</td><td>{escape(event.kind)}</td>"
         f"<td>{escape(event.text)}</td></tr>"
         for event in records.events[-_MOST_EVENTS:]
     ]

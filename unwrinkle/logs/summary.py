@@ -1,4 +1,4 @@
-"""A run log in a few rows of text."""
+"""Summarise a run log in rows of text."""
 
 from collections.abc import Iterator
 
@@ -8,7 +8,7 @@ from unwrinkle.hardware.run_log.reader import RunLogRecords
 
 
 def summary_rows(records: RunLogRecords) -> Iterator[tuple[str, str]]:
-    """Name and text of what a log is and holds."""
+    """Yield name and text of each property of a log."""
     header = records.header
     yield "begun", str(header.get("begun", "unknown"))
     yield "site", str(header.get("site", "unknown"))
@@ -37,11 +37,11 @@ def summary_rows(records: RunLogRecords) -> Iterator[tuple[str, str]]:
         yield "result", f"{outcome}: {results[-1].text}" if outcome != results[-1].text else outcome
     else:
         yield "result", "none: the program ended before the execution did"
-    yield "last line", "cut, as a crash leaves it" if records.cut else "whole"
+    yield "last line", "incomplete, as after a crash" if records.cut else "complete"
 
 
 def event_rows(records: RunLogRecords) -> Iterator[tuple[str, str, str]]:
-    """Time after the log's begin, kind and text of every event."""
+    """Yield time after the log's start, kind and text of every event."""
     for event in records.events:
         yield f"{event.time - records.begin:.3f} s", event.kind, event.text
 
@@ -51,6 +51,6 @@ def _feedback(times: np.ndarray) -> str:
         return f"{len(times)} sets"
     gaps = np.diff(times)
     return (
-        f"{len(times)} sets, {1.0 / max(float(np.mean(gaps)), 1e-9):.1f} a second, longest gap "
+        f"{len(times)} sets, {1.0 / max(float(np.mean(gaps)), 1e-9):.1f} per second, longest gap "
         f"{1e3 * float(gaps.max()):.0f} ms"
     )

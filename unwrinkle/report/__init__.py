@@ -1,1 +1,1 @@
-"""The report and the replay of a run."""
+"""Report and replay of a run."""

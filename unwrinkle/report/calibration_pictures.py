@@ -1,4 +1,4 @@
-"""Pictures by which a person judges a calibration: how well each view fits, and where it does not."""
+"""Draw the residuals of a calibration: how well each view fits, and where it does not."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,8 +18,10 @@ from unwrinkle.models.io.files import atomic_path
 from unwrinkle.perception.camera import Camera
 
 _COLOURS = ("#1f6fb2", "#c8553d")
+#: Maximum number of labelled views.
 _MOST_NAMES = 45
-_ARROW = 0.06  # of the image's width: the length of a large residual's arrow
+#: Length of the arrow of a large residual, share of the image's width.
+_ARROW = 0.06
 
 Pixels = NDArray[np.floating[Any]]
 
@@ -34,15 +36,15 @@ def save_residuals(
     *,
     title: str = "",
 ) -> None:
-    """Write a PNG: the RMS of each view above, the residuals as arrows over each image below.
+    """Write a PNG: the RMS of each view at the top, the residuals as arrows over each image below.
 
     Args:
-        path: of the PNG.
-        cameras: one or two; their images are drawn side by side.
-        names: of the views; the two of a pair or look have the same.
-        eyes: which camera each view is of.
-        corners, residuals: (n, 2) pixels, of each view; a residual is seen minus predicted.
-        title: above all.
+        path: file to write.
+        cameras: one or two cameras; their images are drawn side by side.
+        names: names of the views; the two views of a pair or look have the same name.
+        eyes: index of the camera of each view.
+        corners, residuals: (n, 2) pixels of each view; a residual is measured minus predicted.
+        title: title of the figure.
 
     Raises:
         InputError: the file cannot be written.
@@ -94,7 +96,7 @@ def _bars(
 
 def _arrows(axes: Axes, camera: Camera, corners: Pixels, residuals: Pixels, large: float) -> None:
     scale = _ARROW * camera.width / large
-    # Image rows run downwards, and so do the arrows' second components.
+    # Image rows increase downwards, and so do the arrows' second components.
     axes.quiver(
         corners[:, 0],
         corners[:, 1],

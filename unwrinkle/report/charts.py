@@ -1,4 +1,7 @@
-"""Charts of the report page as SVG: a figure over the looks, and the stages' times per action."""
+"""Draw the charts of the report page as SVG.
+
+They show values over the looks, and the stages' times per action.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,7 +9,7 @@ from html import escape
 
 from unwrinkle.runs.records import STAGES
 
-#: Of each stage's bar.
+#: Colour of each stage's bar.
 STAGE_COLOURS = {
     "render": "#9aa7b5",
     "stereo": "#2f80b9",
@@ -16,14 +19,21 @@ STAGE_COLOURS = {
     "motion": "#d1663f",
 }
 _OTHER = "#5a6675"
-_WIDTH, _HEIGHT = 460, 210
-_LEFT, _RIGHT, _TOP, _BOTTOM = 44, 84, 12, 30
-_BAR, _GAP = 20, 12
+# Size and margins of a chart, pixels.
+_WIDTH = 460
+_HEIGHT = 210
+_LEFT = 44
+_RIGHT = 84
+_TOP = 12
+_BOTTOM = 30
+# Height of a bar and of the gap between bars, pixels.
+_BAR = 20
+_GAP = 12
 
 
 @dataclass(frozen=True)
 class Series:
-    """A figure at each look; None where it is not known."""
+    """Value at each look; None if unknown."""
 
     name: str
     colour: str
@@ -38,13 +48,13 @@ def line_chart(
     most: float | None = None,
     limit: tuple[float, str] | None = None,
 ) -> str:
-    """Lines over the looks 0, 1, ..., each named at its end.
+    """Draw lines over the looks 0, 1, ..., each labelled at its end.
 
     Args:
-        series: with equally many values.
-        unit: of the values.
-        least, most: ends of the axis; `most` from the values if left out.
-        limit: a level to mark, and its name.
+        series: lines with equal numbers of values.
+        unit: unit of the values.
+        least, most: ends of the axis; `most` follows from the values if left out.
+        limit: level to mark, and its label.
     """
     count = max(len(line.values) for line in series)
     known = [v for line in series for v in line.values if v is not None]
@@ -106,10 +116,10 @@ def line_chart(
 
 
 def stage_chart(actions: Sequence[tuple[str, Mapping[str, float]]]) -> str:
-    """Bars of the stages' seconds, one row per action, with their legend.
+    """Draw the stages' times as bars, one row per action, with a legend.
 
     Args:
-        actions: name and seconds of each.
+        actions: name and times (s) of each action.
     """
     stages = [*STAGES, *sorted({s for _, seconds in actions for s in seconds} - set(STAGES))]
     stages = [s for s in stages if any(seconds.get(s, 0.0) > 0.0 for _, seconds in actions)]
@@ -148,7 +158,7 @@ def _svg(width: int, height: int, parts: list[str]) -> str:
 
 
 def _ticks(least: float, most: float) -> list[float]:
-    """Some four round values from least to most."""
+    """Return about four round values from least to most."""
     span = most - least
     step = 10.0 ** len(str(int(span))) / 100.0 if span >= 1.0 else 0.1
     for factor in (1, 2, 5, 10, 20, 50, 100):

@@ -1,4 +1,4 @@
-"""A run's replay in a live Meshcat: a slider for the time, a button for each action."""
+"""Replay a run in a live Meshcat: a slider for the time, a button for each action."""
 
 import logging
 from collections.abc import Callable
@@ -17,13 +17,15 @@ from unwrinkle.runs.look_folder import readable
 from unwrinkle.viewer.live_view import LiveView
 from unwrinkle.viewer.scene import follow
 
-_TIME, _SPEED, _PLAY = "time (s)", "speed", "play / pause"
+_TIME = "time (s)"
+_SPEED = "speed"
+_PLAY = "play / pause"
 
 _log = logging.getLogger(__name__)
 
 
 class LiveReplay:
-    """A run in a live Meshcat."""
+    """Replay of a run in a live Meshcat."""
 
     def __init__(self, run: RunFolder, cell: Cell, meshcat: Any) -> None:
         """Send the scene and add the controls.
@@ -62,7 +64,7 @@ class LiveReplay:
         self._show(0.0)
 
     def update(self, elapsed: float) -> float:
-        """Follow the controls after `elapsed` seconds of the clock; return the time shown, s."""
+        """Follow the controls after `elapsed` seconds; return the shown time, s."""
         if self._clicked(_PLAY):
             self._playing = not self._playing
         time = self._time
@@ -83,7 +85,7 @@ class LiveReplay:
         return time
 
     def run(self, stop: Callable[[], bool] = lambda: False) -> None:
-        """Keep following the controls until `stop()` is true or Ctrl-C is pressed."""
+        """Follow the controls until `stop()` is true or Ctrl-C is pressed."""
         follow(self.update, stop, lambda: _log.info("live replay ended"))
 
     def _show(self, time: float) -> None:
@@ -111,7 +113,7 @@ class LiveReplay:
             self._marked = marked
 
     def _cloth(self, k: int, time: float) -> NDArray[np.float32] | None:
-        """The cloth's frame at a time in the k-th clip, or the last one before it."""
+        """Return the cloth's frame at a time in the k-th clip, or the last one before it."""
         for clip in reversed(self._clips[: k + 1]):
             frame = _frame_at(clip, time)
             if frame is not None:

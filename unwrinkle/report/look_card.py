@@ -1,4 +1,4 @@
-"""One look of the report page: its pictures, its wrinkles, the plan and what came of it."""
+"""Section of the report page on one look: its pictures, its wrinkles, the plan and the result."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -9,7 +9,6 @@ from typing import Any
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.report.pictures import (
-    Picture,
     Window,
     analysis_marks,
     camera_picture,
@@ -20,7 +19,7 @@ from unwrinkle.runs.folder import RUNNING
 from unwrinkle.runs.look_folder import LookFolder, readable
 from unwrinkle.runs.records import ActionRecord
 
-#: Kind and word of a run's status on the pages.
+#: Style and label of a run's status on the pages.
 STATUS = {
     "flat": ("good", "flat"),
     "stopped": ("fair", "stopped"),
@@ -33,7 +32,7 @@ _LISTED = 6
 
 @dataclass(frozen=True)
 class ReadLook:
-    """What could be read of a look; None for what is missing or damaged."""
+    """Readable records of a look; None for a missing or damaged record."""
 
     folder: LookFolder
     range_map: RangeMap | None
@@ -44,7 +43,7 @@ class ReadLook:
 
     @classmethod
     def of(cls, folder: LookFolder) -> "ReadLook":
-        """Read what is there."""
+        """Read the records that exist."""
         return cls(
             folder,
             readable(folder.range_map),
@@ -56,7 +55,7 @@ class ReadLook:
 
     @property
     def marked(self) -> dict[str, Any] | None:
-        """The analysis with the target that was planned for, where that is known."""
+        """Return the analysis with the target of the plan, if it is known."""
         if self.analysis is None or self.plan is None:
             return self.analysis
         index = None if self.action is None else self.action.wrinkle
@@ -66,35 +65,35 @@ class ReadLook:
 
     @property
     def acted(self) -> bool:
-        """Whether arms were to move after it."""
+        """Return whether the look was followed by a motion, or by a plan for one."""
         return self.plan is not None or (self.action is not None and bool(self.action.arms))
 
 
 def look_name(look: ReadLook) -> str:
-    """What the look is called on the page."""
+    """Return the look's name on the page."""
     return f"action {look.folder.index + 1}" if look.acted else f"look {look.folder.index + 1}"
 
 
 def look_card(look: ReadLook, after: ReadLook | None, window: Window | None, top: float) -> str:
-    """The look's section of the page.
+    """Build the look's section of the page.
 
     Args:
-        look: that it is about.
-        after: the next look, if there is one.
-        window: that the pictures show; None where no range map was made.
-        top: height at the upper end of the colours, m.
+        look: look to describe.
+        after: next look, if there is one.
+        window: rectangle of the pictures; None if no range map was made.
+        top: height at the upper end of the colour scale, m.
     """
-    pictures = [look_picture(look, window), _relief(look, window, top, "before: measured height")]
+    pictures = [look_picture(look, window), _relief_before(look, window, top)]
     if look.acted:
         if after is None:
             pictures.append(_missing("no look after this action"))
         else:
-            pictures.append(_relief(after, window, top, "after: the next look"))
+            pictures.append(_relief_after(after, window, top))
     columns = [_wrinkles(look) + _outcome(look), _plan(look)]
     scale = f'<p class="small">height 0<span class="ramp"></span>{1e3 * top:.0f} mm'
     legend = (
-        f'{scale}; <b style="color:#d50000">red</b> the wrinkle that is pulled, '
-        '<b style="color:#00a152">green</b> the fingers’ way in, <b style="color:#ff6d00">orange</b> the pull '
+        f'{scale}; <b style="color:#d50000">red</b> the wrinkle to be pulled, '
+        '<b style="color:#00a152">green</b> the approach of the fingers, <b style="color:#ff6d00">orange</b> the pull '
         "(arrows not to scale)</p>"
     )
     outcome = ""
@@ -117,31 +116,37 @@ def _missing(text: str) -> str:
 
 
 def look_picture(look: ReadLook, window: Window | None) -> str:
-    """What the camera saw around the window, with marks, as a figure; in words if it is missing."""
+    """Return the left camera's image around the window with marks, as a figure.
+
+    If it is missing, the figure is a text.
+    """
     if window is None:
         return _missing("no range map was made")
     height = 0.7 if look.range_map is None else look.range_map.table_height
     picture = readable(partial(camera_picture, look.folder, window, height, look.marked))
     if picture is not None:
-        return picture.html("what the left eye saw")
+        return picture.html("image of the left camera")
     if look.range_map is not None:
         marks = "" if look.marked is None else analysis_marks(look.marked, window.project)
         above = seen_from_above(look.range_map, window, marks)
         if above is not None:
-            return above.html("what the camera saw")
+            return above.html("image of the camera")
     return _missing("no picture")
 
 
-def _relief(look: ReadLook, window: Window | None, top: float, caption: str) -> str:
+def _relief_before(look: ReadLook, window: Window | None, top: float) -> str:
+    """Draw the measured height with the wrinkles and the target."""
     if look.range_map is None or window is None:
         return _missing("no range map was made")
-    before = caption.startswith("before")
-    data = look.marked if before else look.analysis
-    marks = ""
-    if data is not None:
-        marks = analysis_marks(data, window.project, only_target=not before)
-    picture: Picture = relief(look.range_map, window, top, marks if before else "")
-    return picture.html(caption)
+    marks = "" if look.marked is None else analysis_marks(look.marked, window.project)
+    return relief(look.range_map, window, top, marks).html("before: measured height")
+
+
+def _relief_after(look: ReadLook, window: Window | None, top: float) -> str:
+    """Draw the measured height without marks."""
+    if look.range_map is None or window is None:
+        return _missing("no range map was made")
+    return relief(look.range_map, window, top).html("after: the next look")
 
 
 def _wrinkles(look: ReadLook) -> str:
@@ -170,7 +175,7 @@ def _wrinkles(look: ReadLook) -> str:
     more = len(found) - _LISTED
     rest = f'<p class="small">and {more} smaller</p>' if more > 0 else ""
     halting = (
-        f'<p class="small">worth pulling from {1e3 * look.analysis["halting_pull"]:.0f} mm of pull on; '
+        f'<p class="small">wrinkles are pulled from {1e3 * look.analysis["halting_pull"]:.0f} mm of pull on; '
         f"largest {1e3 * look.analysis['halting_measure']:.1f} mm</p>"
     )
     return f"<h3>{len(found)} wrinkles, largest first</h3><table><tr>{heads}</tr>{''.join(rows)}</table>{rest}{halting}"
@@ -219,12 +224,14 @@ def _measured(action: ActionRecord) -> list[tuple[str, str]]:
     if action.following_error is not None:
         rows.append(("following error", f"{1e3 * action.following_error:.2f} mrad"))
     if action.grip_distance_error is not None:
-        rows.append(("grippers’ distance off by", f"{1e3 * action.grip_distance_error:.1f} mm"))
+        rows.append(
+            ("error of the grippers’ distance", f"{1e3 * action.grip_distance_error:.1f} mm")
+        )
     return rows
 
 
 def _outcome(look: ReadLook) -> str:
-    """What the simulated cloth itself says, and the time that it took."""
+    """List the true values of the simulated cloth, and the wall-clock time."""
     action = look.action
     if action is None or not look.acted:
         return ""
@@ -241,4 +248,4 @@ def _outcome(look: ReadLook) -> str:
             rows.append((name, text))
     if action.seconds:
         rows.append(("wall clock", f"{action.total:.1f} s"))
-    return _listed("what came of it", rows, "Not known.")
+    return _listed("result", rows, "Not known.")

@@ -1,4 +1,4 @@
-"""The report of a run: one self-contained page of whatever its folder holds."""
+"""Build the report of a run: one self-contained page from whatever its folder holds."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -19,22 +19,29 @@ from unwrinkle.runs.folder import RUNNING, RunFolder
 from unwrinkle.runs.look_folder import readable
 
 PAGE = "report.html"
+#: Maximum number of listed events.
 _EVENTS = 400
-#: What was real, by the station's form.
+#: What was real and what simulated, by the station's form.
 _REAL = {
     "sim": (
-        "The cloth, the robot, its cameras and their noise are simulated; perception, planning, verification and the "
-        "decisions are those that a real cell would run. Coverage and true height are the simulated cloth's own figures: "
-        "the loop never sees them."
+        "The cloth, the robot, its cameras and their noise are simulated; perception, planning, "
+        "verification and the "
+        "decisions are the same as in a real cell. Coverage and true height are the simulated "
+        "cloth's own values, which the "
+        "loop does not use."
     ),
     "loopback": (
-        "The cloth, the robot's bodies, its cameras and their noise are simulated; between them and the loop stand the real "
-        "drivers, which speak to a virtual controller over TCP and to virtual pan-tilt units over serial lines. Coverage and "
-        "true height are the simulated cloth's own figures: the loop never sees them."
+        "The cloth, the robot's bodies, its cameras and their noise are simulated; between them "
+        "and the loop are the real "
+        "drivers, connected to a virtual controller over TCP and to virtual pan-tilt units over "
+        "serial lines. Coverage and "
+        "true height are the simulated cloth's own values, which the loop does not use."
     ),
     "hardware": (
-        "This run was on a site's devices. Nobody knows the garment's true height and coverage; heights are as they were "
-        "seen. What the controller was sent and what it measured stands in the run's controller-*.jsonl."
+        "This run used a site's devices. The garment's true height and coverage are unknown; "
+        "heights are measured by the "
+        "sensor. The commands and the feedback of the controller are in the run's "
+        "controller-*.jsonl."
     ),
 }
 
@@ -43,7 +50,7 @@ def write_report(run: RunFolder) -> Path:
     """Write `report.html` into the run's folder; return its path.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: the file cannot be written.
     """
     path = run.path / PAGE
     write_text(path, report_page(run))
@@ -51,7 +58,7 @@ def write_report(run: RunFolder) -> Path:
 
 
 def report_page(run: RunFolder) -> str:
-    """The page as text; what the folder lacks is left out or said to be missing."""
+    """Return the page as text; missing records are left out or reported as missing."""
     looks = [ReadLook.of(folder) for folder in run.looks()]
     maps = [look.range_map for look in looks if look.range_map is not None]
     window = readable(partial(Window.around, maps))
@@ -78,14 +85,13 @@ def report_page(run: RunFolder) -> str:
     return page
 
 
-# ---------------------------------------------------------------- summary
-
-
 def _summary(run: RunFolder, looks: Sequence[ReadLook]) -> str:
     kind, word = STATUS[run.status]
     reason = run.reason
     if run.status == RUNNING:
-        reason = "The run goes on still, or was killed; this is what its folder holds."
+        reason = (
+            "The run is still going on, or was killed; this is the present content of its folder."
+        )
     settings = run.settings
     tiles = [
         _tile(f"{sum(look.acted for look in looks)}", f"actions, of {settings.actions} at most"),
@@ -104,7 +110,7 @@ def _summary(run: RunFolder, looks: Sequence[ReadLook]) -> str:
         _tile(f"{settings.seed}", "seed"),
     ]
     real = settings.station == "hardware"
-    garment = f"{settings.garment} ({settings.texture}), at first {settings.start}; "
+    garment = f"{settings.garment} ({settings.texture}), initially {settings.start}; "
     what = (
         f"{'' if real else garment}sensor {settings.sensor} at scale {settings.scale:g}; arms "
         f"{settings.arms}; pull mode {settings.mode}"
@@ -142,7 +148,7 @@ def _truth(look: ReadLook, key: str) -> float | None:
 def _over_looks(
     before: Sequence[float | None], looks: Sequence[ReadLook], key: str
 ) -> list[float | None]:
-    """A truth's figure at each look, and after the last action where no look followed it."""
+    """Return a true value at each look, and after the last action if no look followed it."""
     values = list(before)
     for k, look in enumerate(looks):
         truth = None if look.action is None else look.action.truth_after
@@ -208,9 +214,6 @@ def _times(factor: float, value: float | None) -> float | None:
     return None if value is None else factor * value
 
 
-# ---------------------------------------------------------------- details
-
-
 def _details(run: RunFolder) -> str:
     record = run.record
     facts: list[tuple[str, Any]] = [
@@ -228,8 +231,10 @@ def _details(run: RunFolder) -> str:
         f"{event.time:9.3f} s  {event.state:<12} {event.text}" for event in events[-_EVENTS:]
     )
     return (
-        f"<section><h2>Details</h2><details><summary>versions, machine, figures</summary><table>{listed}</table>"
-        f"</details><details><summary>{len(events)} events</summary><pre>{escape(lines)}</pre></details>"
+        "<section><h2>Details</h2><details><summary>versions, machine, "
+        f"figures</summary><table>{listed}</table>"
+        f"</details><details><summary>{len(events)} "
+        f"events</summary><pre>{escape(lines)}</pre></details>"
         f"<details><summary>scenario</summary><pre>{escape(run.settings.scenario)}</pre></details></section>"
     )
 

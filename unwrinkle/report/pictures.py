@@ -1,6 +1,8 @@
-"""Pictures of a look for the report page: what the camera saw and the height it measured, with the marks over them.
+"""Pictures of a look for the report page.
 
-As the robot sees its table: it stands below the picture and looks up, so the world's y axis points down and its x
+The camera's image and the measured height, with marks over them.
+
+The view is the robot's, with the robot at the lower edge: the world's y axis points down and its x
 axis to the left. Marks are SVG over the picture, so that they stay sharp.
 """
 
@@ -22,30 +24,35 @@ from unwrinkle.perception.stereo.head_file import load_head_angles
 from unwrinkle.runs.look_folder import LookFolder
 from unwrinkle.viewer.plan_shapes import COLOURS, OTHER_RIDGE
 
-#: World x, y to the picture's pixels: points (n, 3) to (n, 2).
+#: Function from world points (n, 3) to pixels (n, 2) of a picture.
 Projection = Callable[[Array], Array]
 
 #: Width of a picture, pixels.
 WIDTH = 520
-#: Height's colours, from the table up; also the legend's.
+#: Colour scale of the height, from the table up; also that of the legend.
 RAMP = ("#f4f5ea", "#cbe6c3", "#72c4bf", "#2f80b9", "#21387f")
 _TABLE = (226, 224, 220)
+#: Quality of the JPEG images, 0 to 100.
 _QUALITY = 82
+#: Margin of a picture around the garment, m.
 _MARGIN = 0.075
-#: Share of a garment's cells that may lie beyond each side of the pictures' rectangle, its margin left aside.
+#: Share of a garment's cells that may lie outside each side of the pictures' rectangle, apart from
+#: its margin.
 _STRAY = 0.01
-#: Length of the arrows in the pictures, m: pulls are a few millimetres, so their length says nothing here.
+#: Length of the arrows in the pictures, m; independent of the pull, which is only a few
+#: millimetres.
 _ARROW = 0.07
+#: Maximum number of wrinkles drawn.
 _LISTED = 6
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A JPEG and the SVG over it.
+    """JPEG image with SVG marks over it.
 
     Attributes:
-        jpeg: the file's content.
-        width, height: pixels.
+        jpeg: content of the file.
+        width, height: size, pixels.
         marks: SVG elements in pixels.
     """
 
@@ -55,7 +62,7 @@ class Picture:
     marks: str = ""
 
     def html(self, caption: str) -> str:
-        """A figure for a page."""
+        """Return a figure for a page."""
         data = base64.b64encode(self.jpeg).decode("ascii")
         text = escape(caption)
         return (
@@ -67,7 +74,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Window:
-    """A rectangle of the table in world x, y, m, and how it fills a picture."""
+    """Rectangle of the table in world x, y, m, that fills a picture."""
 
     x_min: float
     x_max: float
@@ -76,7 +83,9 @@ class Window:
 
     @classmethod
     def around(cls, maps: Iterable[RangeMap]) -> "Window":
-        """The rectangle around the garment, with a margin; where one map goes astray the others decide.
+        """Return the rectangle around the garment, with a margin.
+
+        The median over the maps ignores outliers.
 
         Raises:
             InputError: no map has a garment.
@@ -97,17 +106,17 @@ class Window:
 
     @property
     def pixel(self) -> float:
-        """Side of a pixel, m."""
+        """Return the side of a pixel, m."""
         return (self.x_max - self.x_min) / WIDTH
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of the picture."""
+        """Return the rows and columns of the picture."""
         return max(2, round((self.y_max - self.y_min) / self.pixel)), WIDTH
 
     @property
     def corners(self) -> Array:
-        """Its corners (4, 2)."""
+        """Return the corners (4, 2), m."""
         return np.array(
             [
                 [self.x_min, self.y_min],
@@ -118,12 +127,15 @@ class Window:
         )
 
     def project(self, points: Array) -> Array:
-        """Pixels (n, 2) of world points (n, 2) or (n, 3)."""
+        """Return the pixels (n, 2) of world points (n, 2) or (n, 3), m."""
         x, y = np.asarray(points, dtype=float)[:, :2].T
         return np.column_stack([self.x_max - x, y - self.y_min]) / self.pixel
 
     def sample(self, range_map: RangeMap, values: NDArray[Any]) -> NDArray[Any]:
-        """Values (ny, nx[, 3]) of a map's cells on the picture's pixels; 0 beyond the map."""
+        """Resample values (ny, nx[, 3]) of a map's cells to the picture's pixels.
+
+        They are 0 outside the map.
+        """
         rows, columns = self.shape
         c, r = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
         points = np.column_stack(
@@ -137,7 +149,10 @@ class Window:
 
 
 def top_height(maps: Iterable[RangeMap]) -> float:
-    """Height at the upper end of the colours for all maps of a run, m: at least 10 mm."""
+    """Return the height at the upper end of the colour scale for all maps of a run, m.
+
+    It is at least 10 mm.
+    """
     tops = [0.010]
     for range_map in maps:
         on = range_map.garment & range_map.valid
@@ -147,7 +162,7 @@ def top_height(maps: Iterable[RangeMap]) -> float:
 
 
 def relief(range_map: RangeMap, window: Window, top: float, marks: str = "") -> Picture:
-    """The measured height: coloured up to `top` (m), lit from the upper left."""
+    """Draw the measured height: coloured up to `top` (m), lit from the upper left."""
     height = np.where(range_map.garment, range_map.height, 0.0).astype(np.float32)
     h = window.sample(range_map, height)
     on = window.sample(range_map, range_map.garment.astype(np.float32))[..., None]
@@ -158,7 +173,7 @@ def relief(range_map: RangeMap, window: Window, top: float, marks: str = "") -> 
 
 
 def seen_from_above(range_map: RangeMap, window: Window, marks: str = "") -> Picture | None:
-    """The colours of the range map; None where it has none."""
+    """Draw the colours of the range map; None if it has none."""
     if range_map.colour is None:
         return None
     return _picture(window.sample(range_map, range_map.colour), marks)
@@ -167,10 +182,10 @@ def seen_from_above(range_map: RangeMap, window: Window, marks: str = "") -> Pic
 def camera_picture(
     look: LookFolder, window: Window, table_height: float, data: dict[str, Any] | None
 ) -> Picture:
-    """The left eye's picture around the window, with the marks of the analysis.
+    """Draw the left camera's image around the window, with the marks of the analysis.
 
     Raises:
-        InputError: the picture or its angles are missing or damaged.
+        InputError: the image or its angles are missing or damaged.
     """
     pixels = look.left_picture()
     record, calibration = load_head_angles(look.path / "head.yaml")
@@ -198,25 +213,25 @@ def camera_picture(
 def _crop(
     seen: Array, size: tuple[int, ...], aspect: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First and last pixel (x, y) of a part that holds the points (n, 2), of rows over columns `aspect` if it can."""
+    """Return the first and last pixel (x, y) of a crop around points, of about an aspect."""
     whole = np.array(size)
     middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
     width, height = np.ptp(seen, axis=0)
     half = 0.5 * np.array([max(width, height / aspect), max(height, width * aspect)])
     low = np.clip(np.floor(middle - half), 0, whole - 1).astype(np.int64)
     high = np.clip(np.ceil(middle + half), 1, whole).astype(np.int64)
-    if np.any(high - low < 16):  # it looked elsewhere: all of it
+    if np.any(high - low < 16):  # the points are outside the image: use all of it
         return np.zeros(2, dtype=np.int64), whole.astype(np.int64)
     return low, high
 
 
 def analysis_marks(data: dict[str, Any], project: Projection, *, only_target: bool = False) -> str:
-    """SVG of an analysis: ridge lines with numbers, and the target's grasps and pulls.
+    """Draw an analysis as SVG: ridge lines with numbers, and the target's grasps and pulls.
 
     Args:
-        data: the analysis as plain data, with points.
-        project: to the picture's pixels.
-        only_target: leave out the other wrinkles and their numbers.
+        data: analysis as plain data, with points.
+        project: projection to the picture's pixels.
+        only_target: whether to leave out the other wrinkles and their numbers.
     """
     target = data.get("target", {})
     marked = target.get("wrinkle")
@@ -237,7 +252,7 @@ def analysis_marks(data: dict[str, Any], project: Projection, *, only_target: bo
     for hand in target.get("hands", []):
         p = np.array(hand["p_WG"])
         way, pull = (np.append(hand[f"{name}_direction"], 0.0) for name in ("grasp", "pull"))
-        if np.dot(way, pull) < -0.5:  # one over the other: side by side
+        if np.dot(way, pull) < -0.5:  # the arrows would overlap: draw them side by side
             aside = 0.013 * np.array([-way[1], way[0], 0.0])
         else:
             aside = np.zeros(3)

@@ -1,4 +1,4 @@
-"""The replay of a run: one self-contained page in which the robot and the cloth move as they did."""
+"""Build the replay of a run: one self-contained page with the motion of the robot and the cloth."""
 
 import json
 import logging
@@ -33,7 +33,7 @@ from unwrinkle.viewer.plan_shapes import COLOURS, ridge_shapes, target_shapes
 from unwrinkle.viewer.scene import ILLUSTRATION, OVERVIEW, CellScene, rgba, start_meshcat
 
 PAGE = "replay.html"
-#: Colour of each named part of a motion in the time line; others take the last.
+#: Colour of each named part of a motion on the time line; other parts have the last colour.
 PARTS = {
     "look": "#b4bdc9",
     "approach": "#31688e",
@@ -49,17 +49,18 @@ _CLOTH = "#5f87ab"
 _log = logging.getLogger(__name__)
 
 _SIMULATED = (
-    "Robot, cloth and pictures are simulated. The robot moves as it was measured, the cloth as it was "
-    "computed."
+    "Robot, cloth and pictures are simulated. The robot shows its measured motion, the cloth its "
+    "computed "
+    "motion."
 )
-_REAL = "The robot moves as it was measured on the site's devices; the garment is not shown."
+_REAL = "The robot shows the motion measured on the site's devices; the garment is not shown."
 
 
 def write_replay(run: RunFolder, cell: Cell) -> Path:
     """Write `replay.html` into the run's folder; return its path.
 
     Raises:
-        InputError: there is no look to show, or it cannot be written.
+        InputError: the run has no look, or the file cannot be written.
     """
     path = run.path / PAGE
     page = replay_page(run, cell)
@@ -69,11 +70,11 @@ def write_replay(run: RunFolder, cell: Cell) -> Path:
 
 
 def replay_page(run: RunFolder, cell: Cell) -> str:
-    """The page as text, of whatever can be read.
+    """Build the page from whatever can be read.
 
     Args:
-        run: its folder.
-        cell: that it was made in.
+        run: folder of the run.
+        cell: cell of the run.
 
     Returns:
         HTML that needs no other file and makes no request.
@@ -120,7 +121,9 @@ def _page(
     heading = f"Flattening run {run.path.resolve().name}"
     reason = run.reason
     if run.status == RUNNING:
-        reason = "The run goes on still, or was killed; this is what its folder holds."
+        reason = (
+            "The run is still going on, or was killed; this is the present content of its folder."
+        )
     maps = [look.range_map for look in looks if look.range_map is not None]
     window = readable(lambda: Window.around(maps))
     names = dict.fromkeys(mark.name for clip in clips for mark in clip.segments)
@@ -175,7 +178,7 @@ def _clip(clip: Clip, look: ReadLook) -> dict[str, Any]:
 
 
 def marks_until(clip: Clip) -> float:
-    """Until when the marks of a look hold: the pull changes the cloth; s on the replay's clock."""
+    """Return the end of a look's marks, s on the replay's clock: the pull changes the cloth."""
     pulls = [mark.begin for mark in clip.segments if mark.name == "pull"]
     return pulls[0] if pulls else clip.start + 0.4 * (clip.end - clip.start)
 
@@ -185,7 +188,7 @@ def _part_colour(name: str) -> str:
 
 
 def draw_marks(meshcat: Any, look: ReadLook) -> str:
-    """Draw the wrinkles seen and the arrows of what was planned, hidden; return their path in the scene."""
+    """Draw the wrinkles and the arrows of the plan, hidden; return their path in the scene."""
     root = f"run/look {look.folder.index}"
     data = look.marked or {}
     curves = [
@@ -209,7 +212,7 @@ def _cloth(run: RunFolder, clips: Sequence[Clip]) -> ClothTrack | None:
 
 
 def _colour(maps: Sequence[RangeMap]) -> str:
-    """The garment's mean colour, #rrggbb."""
+    """Return the garment's mean colour, #rrggbb."""
     for range_map in maps:
         if range_map.colour is not None and range_map.garment.any():
             mean = np.rint(range_map.colour[range_map.garment].mean(axis=0)).astype(int)
@@ -248,7 +251,7 @@ def _layers() -> str:
             ("cloth", "cloth", f'<i style="background:{_CLOTH}"></i>'),
             (
                 "run",
-                "wrinkles, ways in, pulls (longer than true)",
+                "wrinkles, approaches, pulls (longer than true)",
                 "".join(
                     f'<i style="background:{colour}"></i>'
                     for colour in (COLOURS.ridge, COLOURS.grasp, COLOURS.pull)
@@ -263,7 +266,7 @@ def _layers() -> str:
 
 
 def _views(cell: Cell) -> dict[str, list[list[float]]]:
-    """Camera and target of each view, world, m."""
+    """Return the camera and target of each view, world frame, m."""
     x, y = cell.scenario.garment_centre
     z = cell.table.height
     return {

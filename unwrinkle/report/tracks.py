@@ -1,4 +1,7 @@
-"""A run as tracks for a browser page: one clock, the moving bodies' poses, the cloth's key frames. Compact."""
+"""Compact tracks of a run for a browser page.
+
+On one clock, they hold the moving bodies' poses and key frames of the cloth.
+"""
 
 import base64
 import zlib
@@ -13,18 +16,19 @@ from unwrinkle.models.arrays import Array
 from unwrinkle.runs.records import MotionRecord, SegmentMark
 from unwrinkle.viewer.scene import CellScene
 
-#: Samples of the robot per second; the page interpolates.
+#: Samples of the robot per second; the page interpolates between them.
 ROBOT_RATE = 20.0
-#: Most key frames of the cloth per second while it moves; none while it rests.
+#: Maximum key frames of the cloth per second while it moves; there are none while it rests.
 CLOTH_RATE = 12.0
-#: The cloth rests while no vertex has moved further than this since the last key frame, m.
+#: Displacement of a vertex since the last key frame below which the cloth counts as at rest, m.
 CLOTH_RESTS = 3e-4
-#: Positions are whole multiples of this, m.
+#: Resolution of positions, m.
 STEP = 5e-5
-#: How long each look stands before its motion, and the last one at the end, s.
+#: Time for which each look is shown before its motion, and the last one at the end, s.
 LOOK_TIME = 1.6
-#: The cloth's track may have as many bytes, packed; its key frames are thinned until it does.
+#: Maximum size of the cloth's packed track, bytes; key frames are dropped until it fits.
 MOST_CLOTH_BYTES = 3_500_000
+#: Scale of quaternions in 16 bits.
 _UNIT = 32767.0
 
 
@@ -33,9 +37,9 @@ class Clip:
     """One look and the motion after it, on the replay's clock.
 
     Attributes:
-        index: of the look.
-        begin: of the look, s.
-        motion: None where none was recorded.
+        index: index of the look.
+        begin: start of the look, s.
+        motion: record of the motion; None if there is none.
     """
 
     index: int
@@ -44,17 +48,17 @@ class Clip:
 
     @property
     def start(self) -> float:
-        """When the motion starts, s."""
+        """Return the start of the motion, s."""
         return self.begin + LOOK_TIME
 
     @property
     def end(self) -> float:
-        """When the motion has ended, s."""
+        """Return the end of the motion, s."""
         return self.start + (0.0 if self.motion is None else self.motion.end - self.motion.begin)
 
     @property
     def segments(self) -> tuple[SegmentMark, ...]:
-        """The motion's named parts on the replay's clock, the look first."""
+        """Return the motion's named parts on the replay's clock, the look first."""
         marks = [SegmentMark("look", self.begin, self.start)]
         if self.motion is not None:
             shift = self.start - self.motion.begin
@@ -66,7 +70,7 @@ class Clip:
 
 
 def clips_of(motions: Sequence[tuple[int, MotionRecord | None]]) -> list[Clip]:
-    """Looks by their index, with their motions, one after the other."""
+    """Return clips of looks with their indices and motions, one after the other."""
     clips: list[Clip] = []
     begin = 0.0
     for index, motion in motions:
@@ -77,7 +81,10 @@ def clips_of(motions: Sequence[tuple[int, MotionRecord | None]]) -> list[Clip]:
 
 
 def posture_at(clips: Sequence[Clip], time: float, home: Array) -> tuple[Array, Array | None]:
-    """Axis positions (13,) rad and openings (2,) m at a time of the replay; the latter None before any motion."""
+    """Return axis positions (13,) rad and openings (2,) m at a time.
+
+    The latter are None before any motion.
+    """
     axes, openings = home, None
     for clip in clips:
         motion = clip.motion
@@ -95,10 +102,10 @@ def posture_at(clips: Sequence[Clip], time: float, home: Array) -> tuple[Array, 
 
 @dataclass(frozen=True, eq=False)
 class RobotTrack:
-    """Poses of the bodies that move.
+    """Poses of the moving bodies.
 
     Attributes:
-        paths: of the bodies in the scene.
+        paths: paths of the bodies in the scene.
         poses: (F, B, 7) position in m and quaternion x, y, z, w, at `ROBOT_RATE`.
     """
 
@@ -106,13 +113,13 @@ class RobotTrack:
     poses: Array
 
     def packed(self) -> dict[str, Any]:
-        """For the page: int16, differences from frame to frame, deflated."""
+        """Pack for the page: int16, differences between frames, deflated."""
         steps = np.concatenate(
             [self.poses[..., :3] / (2.0 * STEP), self.poses[..., 3:] * _UNIT], axis=-1
         )
         whole = np.rint(steps)
         if np.abs(whole).max(initial=0.0) > _UNIT:
-            raise ValueError("a body is further away than the track can say")
+            raise ValueError("a body is too far away for the resolution of the track")
         return {
             "paths": list(self.paths),
             "frames": len(self.poses),
@@ -123,7 +130,7 @@ class RobotTrack:
 
 
 def robot_track(clips: Sequence[Clip], scene: CellScene, home: Array) -> RobotTrack:
-    """Sample the robot along the clips; leaves the scene in the first posture."""
+    """Sample the robot along the clips; the scene is left in the first posture."""
     end = clips[-1].end if clips else 0.0
     times = np.arange(0.0, end + 1.0 / ROBOT_RATE, 1.0 / ROBOT_RATE)
     bodies = scene.bodies()
@@ -132,7 +139,7 @@ def robot_track(clips: Sequence[Clip], scene: CellScene, home: Array) -> RobotTr
         axes, openings = posture_at(clips, float(times[k]), home)
         scene.move(axes, openings if openings is not None else scene.openings())
         poses[k] = scene.body_poses(bodies)
-    # A quaternion and its negative are one rotation: keep to the nearer one.
+    # A quaternion and its negative are the same rotation: keep the one nearer to its predecessor.
     dots = np.sum(poses[1:, :, 3:] * poses[:-1, :, 3:], axis=-1)
     signs = np.concatenate([np.ones((1, len(bodies))), np.cumprod(np.where(dots < 0, -1, 1), 0)])
     poses[..., 3:] *= signs[..., None]
@@ -146,9 +153,9 @@ class ClothTrack:
     """Key frames of the cloth.
 
     Attributes:
-        times: (K,) on the replay's clock, s.
-        frames: (K, n, 3) vertices, world, m.
-        triangles: (m, 3).
+        times: (K,) times of the replay's clock, s.
+        frames: (K, n, 3) vertices, world frame, m.
+        triangles: (m, 3) indices of vertices.
     """
 
     times: Array
@@ -156,15 +163,16 @@ class ClothTrack:
     triangles: NDArray[np.int32]
 
     def packed(self, most: int = MOST_CLOTH_BYTES) -> dict[str, Any]:
-        """For the page: int16 multiples of `STEP`, differences from frame to frame, deflated.
+        """Pack for the page: int16 multiples of `STEP`, differences between frames, deflated.
 
-        Key frames are thinned until the text has at most `most` bytes.
+        Key frames are dropped until the text has at most `most` bytes.
         """
         low = self.frames.reshape(-1, 3).min(axis=0).astype(float)
         kept = np.arange(len(self.frames))
         while True:
             whole = np.rint((self.frames[kept] - low) / STEP)
-            # Cloth 3 m away from itself has blown up; its far end wraps around and cannot be shown.
+            # A cloth of more than 3 m has diverged; its far end wraps around and is not shown
+            # correctly.
             data = _packed(
                 (whole.reshape(len(kept), -1).astype(np.int64) & 0xFFFF).astype(np.uint16)
             )
@@ -188,16 +196,16 @@ def cloth_track(
     *,
     most_vertices: int = 8000,
 ) -> ClothTrack | None:
-    """Choose key frames of the cloth, and of a fine one every second row and column.
+    """Select key frames of the cloth; a fine mesh is reduced to every second row and column.
 
     Args:
-        clips: of the run.
-        triangles: (m, 3) of the vertices.
-        rest: (n, 2) the vertices in the flat cloth, m; on a square grid.
-        most_vertices: that are kept as they are.
+        clips: clips of the run.
+        triangles: (m, 3) indices of the vertices.
+        rest: (n, 2) vertices in the flat cloth, m; on a square grid.
+        most_vertices: maximum number of vertices that is not reduced.
 
     Returns:
-        None where no clip has cloth of that mesh.
+        None if no clip has cloth of that mesh.
     """
     times: list[float] = []
     frames: list[NDArray[np.float32]] = []
@@ -209,7 +217,7 @@ def cloth_track(
         if not kept:
             continue
         shift = clip.start - motion.begin
-        # What lay there at the look stays until it moves.
+        # The cloth at the look is shown until it moves.
         times.append(clip.begin)
         frames.append(motion.cloth_frames[kept[0]])
         for k in kept:
@@ -224,7 +232,10 @@ def cloth_track(
 
 
 def key_frames(times: Array, frames: NDArray[np.float32]) -> list[int]:
-    """Indices of the frames to keep: few per second while the cloth moves, the last before it moves, and the last."""
+    """Return the indices of the key frames.
+
+    Their rate is limited while the cloth moves; the last frame before a motion is kept as well.
+    """
     if len(frames) == 0:
         return []
     kept = [0]
@@ -240,7 +251,7 @@ def key_frames(times: Array, frames: NDArray[np.float32]) -> list[int]:
 
 
 def _halved(track: ClothTrack, rest: NDArray[np.float32]) -> tuple[ClothTrack, NDArray[np.float32]]:
-    """Every second row and column of the cloth's grid."""
+    """Keep every second row and column of the cloth's grid."""
     low = rest.min(axis=0)
     spacing = min(np.diff(np.unique(np.round(rest[:, k], 6))).min() for k in range(2))
     cells = np.rint((rest - low) / spacing).astype(int)
@@ -260,7 +271,7 @@ def _halved(track: ClothTrack, rest: NDArray[np.float32]) -> tuple[ClothTrack, N
 
 
 def _packed(rows: NDArray[Any]) -> str:
-    """16-bit rows as differences from row to row, low bytes before high ones, deflated, base64."""
+    """Pack 16-bit rows: differences, low bytes before high bytes, deflated, base64."""
     bits = rows.view(np.uint16).copy()
     bits[1:] -= rows.view(np.uint16)[:-1]
     planes = bits.astype("<u2").view(np.uint8).reshape(-1, 2).T

@@ -1,1 +1,1 @@
-"""The folder of a run and its records."""
+"""Folder of a run and its records."""

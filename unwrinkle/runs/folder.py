@@ -1,7 +1,7 @@
-"""The folder of a run: everything that was seen, planned and done, readable whenever the run ends.
+"""Folder of a run: everything observed, planned and executed, readable whenever the run ends.
 
-Every file appears whole or not at all; `events.jsonl` grows by a line per event. A look's folder is complete when
-its `action.json` is there, which is written last.
+Every file is written atomically; `events.jsonl` grows by one line per event. A look's folder is
+complete when its `action.json` exists, which is written last.
 """
 
 import datetime
@@ -39,10 +39,14 @@ __all__ = [
 ]
 
 RUNNING = "running"
-#: How a run can stand.
+#: Possible statuses of a run.
 STATUSES = (RUNNING, "flat", "stopped", "fault", "interrupted")
-_FORMAT, _VERSION = "unwrinkle.run", 1
-_RUN, _SCENARIO, _EVENTS, _CLOTH = "run.json", "scenario.yaml", "events.jsonl", "cloth.npz"
+_FORMAT = "unwrinkle.run"
+_VERSION = 1
+_RUN = "run.json"
+_SCENARIO = "scenario.yaml"
+_EVENTS = "events.jsonl"
+_CLOTH = "cloth.npz"
 _DISTRIBUTIONS = ("unwrinkle", "drake", "numpy", "scipy", "numba", "opencv-python-headless")
 
 
@@ -51,12 +55,12 @@ class Event:
     """One line of `events.jsonl`.
 
     Attributes:
-        number: counts from 0.
-        time: on the station's clock, s.
+        number: number of the event, from 0.
+        time: time of the station's clock, s.
         wall: UTC, ISO 8601.
-        state: of the supervisor.
+        state: state of the supervisor.
         text: what happened.
-        data: more of it, as JSON.
+        data: further data, as JSON.
     """
 
     number: int
@@ -68,10 +72,10 @@ class Event:
 
 
 class RunFolder:
-    """A run on the disk: `create` a new one, or `open` one that is there."""
+    """Run on disk: `create` a new one, or `open` an existing one."""
 
     def __init__(self, path: Path, record: dict[str, Any]) -> None:
-        """Take a folder and the content of its `run.json`; use `create` or `open`."""
+        """Keep a folder and the content of its `run.json`; use `create` or `open` instead."""
         self.path = path
         self._record = record
         self.settings = RunSettings.from_json(record["settings"])
@@ -79,10 +83,10 @@ class RunFolder:
 
     @classmethod
     def create(cls, path: str | Path, settings: RunSettings) -> "RunFolder":
-        """Make the folder of a new run.
+        """Create the folder of a new run.
 
         Raises:
-            InputError: there is a run already, it is a file, or it cannot be written.
+            InputError: the folder holds a run already, is a file, or cannot be written.
         """
         path = Path(path)
         cls.check_free(path)
@@ -106,79 +110,81 @@ class RunFolder:
 
     @staticmethod
     def check_free(path: Path) -> None:
-        """Refuse a folder that a new run cannot have.
+        """Refuse a folder that cannot hold a new run.
 
         Raises:
-            InputError: there is a run already, or it is a file.
+            InputError: it holds a run already, or is a file.
         """
         if path.exists() and not path.is_dir():
             raise InputError(f"{path}: is a file; name a folder for the run")
         if (path / _RUN).exists():
-            raise InputError(f"{path}: holds a run already; name another folder, or go on with it")
+            raise InputError(f"{path}: holds a run already; name another folder, or resume the run")
 
     @classmethod
     def open(cls, path: str | Path) -> "RunFolder":
         """Read the folder of a run.
 
         Raises:
-            InputError: it is none, or its `run.json` is damaged.
+            InputError: it holds no run, or its `run.json` is damaged.
         """
         path = Path(path)
         if not path.is_dir():
             raise InputError(f"{path}: no such folder; give the folder of a run")
         file = path / _RUN
         if not file.is_file():
-            raise InputError(f"{path}: is no run, {_RUN} is missing; give the folder of a run")
+            raise InputError(
+                f"{path}: {_RUN} is missing, so this is no run; give the folder of a run"
+            )
         record = read_json(file)
         if record.get("format") != _FORMAT or record.get("version") != _VERSION:
-            raise InputError(f"{file}: is no run of version {_VERSION}")
+            raise InputError(
+                f"{file}: is no run of version {_VERSION}; it was written by another version"
+            )
         if record.get("status") not in STATUSES or not isinstance(record.get("figures"), dict):
-            raise InputError(f"{file}: is damaged: its status or its figures are missing")
+            raise InputError(f"{file}: is damaged: the status or the figures are missing")
         try:
             return cls(path, record)
         except (InputError, KeyError) as error:
             raise InputError(f"{file}: is damaged: {error}") from None
 
-    # ------------------------------------------------------------ what it says
-
     @property
     def status(self) -> str:
-        """One of `STATUSES`; "running" also for a run that was killed."""
+        """Return one of `STATUSES`; also "running" for a run that was killed."""
         return str(self._record["status"])
 
     @property
     def reason(self) -> str:
-        """Why the run ended as it did."""
+        """Return why the run ended."""
         return str(self._record.get("reason", ""))
 
     @property
     def figures(self) -> dict[str, Any]:
-        """Figures of the whole run; empty before its end."""
+        """Return the figures of the whole run; empty before its end."""
         return dict(self._record["figures"])
 
     @property
     def record(self) -> dict[str, Any]:
-        """Everything in `run.json`."""
+        """Return the content of `run.json`."""
         return dict(self._record)
 
     @property
     def scenario_file(self) -> Path | None:
-        """The run's scenario; None where it was not written down."""
+        """Return the run's scenario file; None if it was not written."""
         path = self.path / _SCENARIO
         return path if self.settings.scenario and path.is_file() else None
 
     def look(self, index: int) -> LookFolder:
-        """The folder of the index-th look, from 0.
+        """Return the folder of a look by its index, from 0.
 
         Raises:
             InputError: the index is negative.
         """
         if index < 0:
-            raise InputError(f"look {index}: looks are counted from 0")
+            raise InputError(f"look {index}: the index is negative; looks are numbered from 0")
         return LookFolder(self.path / f"{index:03d}", index)
 
     def looks(self) -> list[LookFolder]:
-        """All looks that have a folder, in order."""
+        """Return all looks that have a folder, in order."""
         indices = sorted(
             int(entry.name)
             for entry in self.path.iterdir()
@@ -187,7 +193,10 @@ class RunFolder:
         return [look for look in map(self.look, indices) if look.exists]
 
     def last_complete(self) -> int | None:
-        """Index of the last look before which, itself included, every action was recorded; None without any."""
+        """Return the index of the last look up to which every action was recorded.
+
+        It is None if there is none.
+        """
         last = None
         for index, look in enumerate(self.looks()):
             if look.index != index:
@@ -200,7 +209,7 @@ class RunFolder:
         return last
 
     def events(self) -> list[Event]:
-        """All events; a line that was cut off is left out."""
+        """Return all events; incomplete lines are skipped."""
         try:
             lines = (self.path / _EVENTS).read_text(encoding="utf-8", errors="replace").split("\n")
         except OSError:
@@ -212,7 +221,7 @@ class RunFolder:
         return found
 
     def cloth(self) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Triangles (m, 3) of the cloth's vertices and where these lie in the flat cloth, (n, 2) m.
+        """Return the triangles (m, 3) of the cloth and its vertices in the flat cloth, (n, 2) m.
 
         Raises:
             InputError: they were not written.
@@ -223,35 +232,33 @@ class RunFolder:
         except KeyError as error:
             raise InputError(f"{self.path / _CLOTH}: {error} is missing") from None
 
-    # ------------------------------------------------------------ writing
-
     def save_cloth(self, triangles: NDArray[Any], rest: NDArray[Any]) -> None:
-        """Write the cloth's mesh: triangles (m, 3), and the vertices' place in the flat cloth (n, 2), m.
+        """Write the cloth's mesh, which the replay needs.
 
-        The replay needs it to show the cloth.
+        Triangles (m, 3), vertices in the flat cloth (n, 2), m.
 
         Raises:
-            InputError: shapes disagree, or it cannot be written.
+            InputError: shapes disagree, or the file cannot be written.
         """
         t, r = np.asarray(triangles), np.asarray(rest)
         if t.ndim != 2 or t.shape[1] != 3 or r.ndim != 2 or r.shape[1] != 2 or t.max() >= len(r):
-            raise InputError(f"cloth mesh: triangles {t.shape} and rest {r.shape} do not fit")
+            raise InputError(f"cloth mesh: triangles {t.shape} and rest {r.shape} do not match")
         arrays = {"triangles": t.astype(np.int32), "rest": r.astype(np.float32)}
         save_archive(self.path / _CLOTH, {"format": "unwrinkle.cloth-mesh"}, arrays)
 
     def event(
         self, time: float, state: str, text: str, data: Mapping[str, Any] | None = None
     ) -> Event:
-        """Append an event and flush it: it is on the disk when this returns.
+        """Append an event and flush it: it is on disk when this returns.
 
         Args:
-            time: on the station's clock, s.
-            state: of the supervisor.
+            time: time of the station's clock, s.
+            state: state of the supervisor.
             text: what happened.
-            data: more of it; plain JSON.
+            data: further data; plain JSON.
 
         Raises:
-            InputError: the data has no form in JSON, or the file cannot be written.
+            InputError: the data cannot be written as JSON, or the file cannot be written.
         """
         if self._next is None:
             self._next = 1 + max((event.number for event in self.events()), default=-1)
@@ -267,13 +274,14 @@ class RunFolder:
     def finish(
         self, status: str, reason: str = "", figures: Mapping[str, Any] | None = None
     ) -> None:
-        """Write how the run ended.
+        """Write the result of the run.
 
         Raises:
-            InputError: an unknown status, a figure that has no form in JSON, or it cannot be written.
+            InputError: the status is unknown, a figure cannot be written as JSON, or the file
+                cannot be written.
         """
         if status not in STATUSES:
-            raise InputError(f"run status {status!r}: one of {', '.join(STATUSES)}")
+            raise InputError(f"run status {status!r} is unknown; known are {', '.join(STATUSES)}")
         self._write(
             status=status,
             reason=reason,
@@ -281,11 +289,11 @@ class RunFolder:
             figures={**self.figures, **dict(figures or {})},
         )
 
-    def go_on(self) -> None:
-        """Note that the run goes on after it ended or was killed.
+    def resume(self) -> None:
+        """Mark the run as running again after it ended or was killed.
 
         Raises:
-            InputError: it cannot be written.
+            InputError: the file cannot be written.
         """
         self.finish(RUNNING)
 
@@ -299,7 +307,7 @@ class RunFolder:
 
 
 def command_line() -> str:
-    """The line that started this process, with the program's name in place of its path."""
+    """Return the command line of this process, with the program's name instead of its path."""
     name = Path(sys.argv[0]).name
     return shlex.join(["unwrinkle" if name == "__main__.py" else name, *sys.argv[1:]])
 
@@ -321,7 +329,7 @@ def _machine() -> dict[str, Any]:
 
 
 def _append(path: Path, text: str) -> None:
-    """Append to a file and flush; a line that was cut off before is ended first."""
+    """Append to a file and flush; an incomplete last line is terminated first."""
     try:
         with path.open("ab+") as stream:
             if text and stream.tell() > 0:
@@ -331,4 +339,6 @@ def _append(path: Path, text: str) -> None:
             stream.write(text.encode("utf-8"))
             stream.flush()
     except OSError as error:
-        raise InputError(f"cannot write {path}: {error}; free some room, or its rights") from None
+        raise InputError(
+            f"cannot write {path}: {error}; free disk space, or change the file's permissions"
+        ) from None

@@ -1,4 +1,4 @@
-"""One look of a run and the action that followed it, as files."""
+"""Files of one look of a run and of the action that followed it."""
 
 import datetime
 import json
@@ -25,7 +25,7 @@ from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification.verdict import Verdict
 from unwrinkle.runs.records import ActionRecord, MotionRecord
 
-#: PNG's fastest compression: a full picture of 16 megapixels is written between two stages.
+#: Fastest compression of PNG: an image of 16 megapixels is written between two stages.
 _PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
@@ -33,27 +33,27 @@ Value = TypeVar("Value")
 
 
 class Saveable(Protocol):
-    """What can write itself to a file, such as the cloth's state."""
+    """Value that writes itself to a file, such as the cloth's state."""
 
     def save(self, path: Path) -> None:
-        """Write it, whole or not at all."""
+        """Write the file atomically."""
 
 
 class LookFolder:
-    """One look at the garment and the action that followed it: the files of `RUN/000`, `RUN/001`, ...
+    """One look at the garment and the action that followed it.
 
-    Reading raises InputError for a missing or damaged file, naming it.
+    The files of `RUN/000`, `RUN/001`, ...
+
+    Reading raises InputError with the name of a missing or damaged file.
     """
 
     def __init__(self, path: Path, index: int) -> None:
-        """Name the folder; it is made when the first file is written."""
+        """Keep the path; the folder is created with the first file."""
         self.path = path
         self.index = index
 
-    # ------------------------------------------------------------ writing
-
     def save_pair(self, left: NDArray[np.uint8], right: NDArray[np.uint8], gaze: Gaze) -> None:
-        """Write both eyes' pictures (h, w, 3 RGB) and the angles they were taken at.
+        """Write both cameras' images (h, w, 3) RGB and the head's angles.
 
         Raises:
             InputError: a file cannot be written.
@@ -61,7 +61,8 @@ class LookFolder:
         _write_png(self.path / "left.png", left)
         _write_png(self.path / "right.png", right)
         calibration = nominal_calibration()
-        # A simulated pair has no date of its own; the calibration's keeps the same run the same.
+        # A simulated pair has no date of its own; the calibration's date keeps repeated runs
+        # identical.
         day = datetime.date.fromisoformat(calibration.date)
         file = f"package://unwrinkle_models/heads/{NOMINAL_HEAD}.yaml"
         plain = Gaze(*(float(angle) for angle in astuple(gaze)))
@@ -87,11 +88,11 @@ class LookFolder:
         wrinkle: int | None = None,
         stop: Stop | None = None,
     ) -> None:
-        """Write the analysis with its points, and what was decided on it.
+        """Write the analysis with its points, and the decision.
 
         Args:
-            observation: of the garment.
-            target, wrinkle: that was chosen, and the index of its wrinkle.
+            observation: observation of the garment.
+            target, wrinkle: chosen target, and the index of its wrinkle.
             stop: decision to stop.
 
         Raises:
@@ -103,17 +104,23 @@ class LookFolder:
         write_json(self.path / "analysis.json", report)
 
     def save_plan(self, plan: FlatteningPlan, verdict: Verdict | None = None) -> None:
-        """Write the plan and what its verification said. Raises InputError if a file cannot be written."""
+        """Write the plan and its verdict. Raises InputError if a file cannot be written."""
         plan.save(self.path / "plan.npz")
         if verdict is not None:
             write_json(self.path / "verdict.json", verdict.to_json())
 
     def save_before(self, state: Saveable) -> None:
-        """Write the cloth as it truly lay before. Raises InputError if the file cannot be written."""
+        """Write the true state of the cloth before.
+
+        Raises InputError if the file cannot be written.
+        """
         self._save_state("before.npz", state)
 
     def save_after(self, state: Saveable) -> None:
-        """Write the cloth as it truly lay after. Raises InputError if the file cannot be written."""
+        """Write the true state of the cloth after.
+
+        Raises InputError if the file cannot be written.
+        """
         self._save_state("after.npz", state)
 
     def save_motion(self, motion: MotionRecord) -> None:
@@ -121,74 +128,77 @@ class LookFolder:
         motion.save(self.path / "motion.npz")
 
     def save_action(self, action: ActionRecord) -> None:
-        """Write `action.json`, by which the folder is complete.
+        """Write `action.json`, which makes the folder complete.
 
         Raises:
-            InputError: the record is of another look, its memory has no form in JSON, or it cannot be written.
+            InputError: the record is of another look, its memory cannot be written as JSON, or the
+                file cannot be written.
         """
         if action.index != self.index:
-            raise InputError(f"{self.path}: is look {self.index}, the record is of {action.index}")
+            raise InputError(
+                f"{self.path}: is look {self.index}, but the record is of look {action.index}"
+            )
         path = self.path / "action.json"
         try:
             write_json(path, action.to_json())
         except (TypeError, ValueError) as error:
-            raise InputError(f"{path}: memory has no form in JSON: {error}") from None
-
-    # ------------------------------------------------------------ reading
+            raise InputError(f"{path}: the memory cannot be written as JSON: {error}") from None
 
     @property
     def exists(self) -> bool:
-        """Whether anything of the look was written."""
+        """Return whether anything of the look was written."""
         return self.path.is_dir()
 
     @property
     def is_complete(self) -> bool:
-        """Whether the action was recorded to its end."""
+        """Return whether the action was recorded to its end."""
         return (self.path / "action.json").is_file()
 
     @property
     def after_file(self) -> Path:
-        """Where the cloth's state after the action is."""
+        """Return the file of the cloth's state after the action."""
         return self.path / "after.npz"
 
     def left_picture(self) -> NDArray[np.uint8]:
-        """The left eye's picture (h, w, 3) RGB."""
+        """Read the left camera's image (h, w, 3) RGB."""
         return _read_png(self.path / "left.png")
 
     def right_picture(self) -> NDArray[np.uint8]:
-        """The right eye's picture (h, w, 3) RGB."""
+        """Read the right camera's image (h, w, 3) RGB."""
         return _read_png(self.path / "right.png")
 
     def depth(self) -> Capture:
-        """The depth camera's capture."""
+        """Read the depth camera's capture."""
         return load_capture(self.path / "depth.npz")
 
     def range_map(self) -> RangeMap:
-        """The range map."""
+        """Read the range map."""
         return RangeMap.load(self.path / "range_map.npz")
 
     def analysis(self) -> dict[str, Any]:
-        """The analysis as plain data, with the wrinkles' points."""
+        """Read the analysis as plain data, with the wrinkles' points."""
         path = self.path / "analysis.json"
         data = read_json(path)
         if data.get("format") != "unwrinkle.analysis" or data.get("version") != 1:
-            raise InputError(f"{path}: is no analysis of version 1")
+            raise InputError(
+                f"{path}: is no analysis of version 1; it was written by another version"
+            )
         return data
 
     def plan(self) -> FlatteningPlan:
-        """The plan."""
+        """Read the plan."""
         return FlatteningPlan.load(self.path / "plan.npz")
 
     def verdict(self) -> dict[str, Any]:
-        """The verdict as plain data."""
+        """Read the verdict as plain data."""
         return read_json(self.path / "verdict.json")
 
     def motion(self) -> MotionRecord:
-        """The motion."""
+        """Read the motion."""
         return MotionRecord.load(self.path / "motion.npz")
 
     def action(self) -> ActionRecord:
-        """The action's record."""
+        """Read the action's record."""
         path = self.path / "action.json"
         data = read_json(path)
         try:
@@ -206,7 +216,7 @@ class LookFolder:
 
 
 def readable(read: Callable[[], Value]) -> Value | None:
-    """What `read` gives, or None where the file is missing or damaged."""
+    """Return the result of `read`, or None if the file is missing or damaged."""
     try:
         return read()
     except InputError:
@@ -214,10 +224,10 @@ def readable(read: Callable[[], Value]) -> Value | None:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """The object in a JSON file.
+    """Read the object in a JSON file.
 
     Raises:
-        InputError: missing, damaged, or no object; the message names the file.
+        InputError: the file is missing or damaged, or holds no object; the message names the file.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
@@ -241,5 +251,5 @@ def _write_png(path: Path, picture: NDArray[np.uint8]) -> None:
 def _read_png(path: Path) -> NDArray[np.uint8]:
     picture = cv2.imread(str(path), cv2.IMREAD_COLOR) if path.is_file() else None
     if picture is None:
-        raise InputError(f"{path}: missing, or no picture")
+        raise InputError(f"{path}: is missing, or is no image")
     return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8)

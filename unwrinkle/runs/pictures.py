@@ -1,7 +1,7 @@
-"""Pictures of an analysis that a person can judge.
+"""Draw the pictures of an analysis.
 
-All are drawn as the robot sees its table: it stands below the picture and looks up, so the world's
-y axis points down and its x axis to the left. Seen from above nothing is mirrored.
+All pictures have the robot's view of its table, with the robot at the lower edge: the world's y
+axis points down and its x axis to the left. Seen from above, nothing is mirrored.
 """
 
 from collections.abc import Callable
@@ -40,7 +40,8 @@ CLASS_COLOURS = (
     "#e60000",
 )
 _HANDS = ("#d81b60", "#1e88e5")
-_SHOWN = 6  # wrinkles that get a number
+#: Number of wrinkles that are labelled.
+_SHOWN = 6
 
 Painter = Callable[[Axes, Figure], None]
 
@@ -53,7 +54,10 @@ def save_pictures(
     title: str = "",
     singles: bool = True,
 ) -> list[Path]:
-    """Write `panel.png` and, with `singles`, one file per picture into the folder; return their paths."""
+    """Write `panel.png` and, with `singles`, one file per picture into the folder.
+
+    Return their paths.
+    """
     painters = _painters(analysis, chosen)
     written: list[Path] = []
     for name, (caption, painter) in painters.items() if singles else ():
@@ -109,7 +113,7 @@ def _target_caption(chosen: Choice | NoChoice) -> str:
     if isinstance(chosen, Choice):
         first, second = (1e3 * hand.pull_distance for hand in chosen.target.hands)
         return f"flattening: pull {first:.0f} mm and {second:.0f} mm"
-    return "nothing to do" if chosen.stop.flat else "no target"
+    return "no target is needed" if chosen.stop.flat else "no target"
 
 
 def _extent(range_map: RangeMap) -> tuple[float, float, float, float]:
@@ -188,7 +192,7 @@ def _classes(axes: Axes, analysis: Analysis) -> None:
 
 
 def _grey(axes: Axes, range_map: RangeMap) -> None:
-    """Relief as a quiet ground for lines: the height lit from the upper left."""
+    """Draw the relief as a grey background for lines: the height lit from the upper left."""
     slope_y = np.gradient(range_map.height, range_map.resolution, axis=0)
     slope_x = np.gradient(range_map.height, range_map.resolution, axis=1)
     on = range_map.garment
@@ -256,7 +260,7 @@ def _target(axes: Axes, analysis: Analysis, chosen: Choice | NoChoice) -> None:
         axes.text(
             0.5,
             0.5,
-            _folded(chosen.stop.reason),
+            _wrapped(chosen.stop.reason),
             transform=axes.transAxes,
             ha="center",
             va="center",
@@ -273,7 +277,8 @@ def _target(axes: Axes, analysis: Analysis, chosen: Choice | NoChoice) -> None:
     for hand, colour in zip(target.hands, _HANDS, strict=True):
         grasp = hand.p_WG[:2]
         _arrow(axes, grasp - reach * hand.grasp_direction, grasp, colour, dashed=True)
-        # The pull is a few millimetres: drawn with a least length, the caption has the figure.
+        # The pull is only a few millimetres: it is drawn with a minimum length, and the caption
+        # gives the value.
         length = max(hand.pull_distance, 0.6 * reach)
         _arrow(axes, grasp, grasp + length * hand.pull_direction, colour, dashed=False)
         axes.plot(*grasp, "o", color=colour, mec="white", ms=8)
@@ -313,7 +318,7 @@ def _arrow(axes: Axes, start: Any, end: Any, colour: str, *, dashed: bool) -> No
     )
 
 
-def _folded(text: str, width: int = 60) -> str:
+def _wrapped(text: str, width: int = 60) -> str:
     lines, line = [], ""
     for word in text.split():
         if len(line) + len(word) > width:

@@ -1,4 +1,4 @@
-"""What a run's folder holds: its settings, an action's record, the motion as measured. Plain values."""
+"""Records in a run's folder: its settings, each action, each measured motion; plain values."""
 
 import dataclasses as dc
 import math
@@ -16,15 +16,19 @@ from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.archive import load_archive, save_archive
 from unwrinkle.planning.trajectory import AXES
 
-#: Stages of an action whose wall-clock seconds are kept, in the order in which they happen.
+#: Stages of an action whose wall-clock time is recorded, in their order.
 STAGES = ("render", "stereo", "analysis", "planning", "verification", "motion")
-_MOTION_FORMAT, _VERSION = "unwrinkle.motion", 1
+_MOTION_FORMAT = "unwrinkle.motion"
+_VERSION = 1
 
 
 def _checked(kind: str, data: Any, schema: type) -> dict[str, Any]:
-    """The mapping's entries that the dataclass knows; refuse one that lacks a field without default."""
+    """Return the entries that are fields of a dataclass.
+
+    Refuse a mapping that lacks a required field.
+    """
     if not isinstance(data, Mapping):
-        raise InputError(f"{kind}: is {type(data).__name__}, wanted a JSON object")
+        raise InputError(f"{kind}: is {type(data).__name__}; a JSON object is required")
     fields = dc.fields(schema)
     missing = [
         f.name
@@ -37,31 +41,31 @@ def _checked(kind: str, data: Any, schema: type) -> dict[str, Any]:
 
 
 def _figures(kind: str, values: Mapping[str, Any] | None) -> dict[str, float] | None:
-    """Copy of named figures; refuse what is no finite number."""
+    """Copy named figures; refuse a value that is no finite number."""
     if values is None:
         return None
     for name, value in values.items():
         if not isinstance(value, int | float) or not math.isfinite(value):
-            raise InputError(f"{kind}.{name} is {value!r}, wanted a finite number")
+            raise InputError(f"{kind}.{name} is {value!r}; a finite number is required")
     return {str(name): float(value) for name, value in values.items()}
 
 
 @dataclass(frozen=True)
 class RunSettings:
-    """What a run was asked to do.
+    """Settings of a run.
 
     Attributes:
-        garment: outline's name.
-        texture: of the garment.
-        start: how the garment lay at first.
-        seed: of every random choice.
-        sensor: what looked, "stereo" or a depth camera's name.
-        scale: size of the head's pictures, 1 for 16 megapixels.
+        garment: name of the outline.
+        texture: texture of the garment.
+        start: initial state of the garment.
+        seed: seed of all random numbers.
+        sensor: "stereo", "truth", or the name of a depth camera.
+        scale: scale of the head's pictures, 1 for 16 megapixels.
         arms: any, dual or single.
-        mode: reading of Eq. 5, foot or paper.
-        actions: most actions.
-        scenario: the whole scenario as YAML text.
-        command: line that started the run.
+        mode: reading of Eq. 5: foot, paper or between.
+        actions: maximum number of actions.
+        scenario: whole scenario as YAML text.
+        command: command line that started the run.
     """
 
     garment: str
@@ -78,7 +82,7 @@ class RunSettings:
 
     @property
     def station(self) -> str:
-        """Form of the station, by the scenario: sim, loopback or hardware."""
+        """Return the form of the station from the scenario: sim, loopback or hardware."""
         try:
             named = yaml.safe_load(self.scenario)
         except yaml.YAMLError:
@@ -89,22 +93,22 @@ class RunSettings:
         return "sim"
 
     def to_json(self) -> dict[str, Any]:
-        """Plain numbers and strings."""
+        """Return plain numbers and strings."""
         return dc.asdict(self)
 
     @classmethod
     def from_json(cls, data: Any) -> "RunSettings":
-        """Read what `to_json` wrote; unknown keys are left alone.
+        """Read the result of `to_json`; unknown keys are ignored.
 
         Raises:
-            InputError: no object, or a key is missing.
+            InputError: the data is no object, or a key is missing.
         """
         return cls(**_checked("run settings", data, cls))
 
 
 @dataclass(frozen=True)
 class SegmentMark:
-    """A named part of a motion, from begin to end on the station's clock, s."""
+    """Named part of a motion, from begin to end on the station's clock, s."""
 
     name: str
     begin: float
@@ -113,22 +117,23 @@ class SegmentMark:
 
 @dataclass(frozen=True, eq=False)
 class MotionRecord:
-    """One action's motion as it was measured. All times on the station's clock, s.
+    """Measured motion of one action. All times are of the station's clock, s.
 
-    Record the cloth at some 10 frames per second, and only while it moves: one frame of 80 x 80 nodes is 77 kB.
+    Record the cloth at about 10 frames per second, and only while it moves: one frame of 80 x 80
+    nodes is 77 kB.
 
     Attributes:
-        times: (N,) of the samples, never decreasing.
+        times: (N,) times of the samples, never decreasing.
         measured: (N, 13) axis positions, rad.
         velocities: (N, 13) axis velocities, rad/s.
-        reference: (N, 13) positions the controller asked for, rad.
-        openings: (N, 2) distance between the blades of the right and the left gripper, m.
-        segments: the motion's named parts, in order.
-        frame_times: (F,) of the cloth's frames, never decreasing.
-        cloth_frames: (F, n, 3) float32, the cloth's vertices in the world, m.
+        reference: (N, 13) reference positions of the controller, rad.
+        openings: (N, 2) openings of the right and the left gripper, m.
+        segments: named parts of the motion, in order.
+        frame_times: (F,) times of the cloth's frames, never decreasing.
+        cloth_frames: (F, n, 3) float32, the cloth's vertices in the world frame, m.
 
     Raises:
-        InputError: shapes disagree, a number is not finite, or times run backwards.
+        InputError: shapes disagree, a number is not finite, or a time decreases.
     """
 
     times: Array
@@ -146,7 +151,7 @@ class MotionRecord:
         """Check, copy and freeze the arrays."""
         count, frames = np.shape(self.times)[:1], np.shape(self.frame_times)[:1]
         vertices = np.shape(self.cloth_frames)[1:2]
-        wanted = {
+        required = {
             "times": count,
             "measured": (*count, AXES),
             "velocities": (*count, AXES),
@@ -155,11 +160,11 @@ class MotionRecord:
             "frame_times": frames,
             "cloth_frames": (*frames, *vertices, 3),
         }
-        for name, shape in wanted.items():
+        for name, shape in required.items():
             kind = np.float32 if name == "cloth_frames" else np.float64
             value = np.array(getattr(self, name), dtype=kind)
             if value.shape != shape:
-                raise InputError(f"motion: {name} has shape {value.shape}, wanted {shape}")
+                raise InputError(f"motion: {name} has shape {value.shape}; {shape} is required")
             if not np.isfinite(value).all():
                 where = np.argwhere(~np.isfinite(value))[0].tolist()
                 raise InputError(f"motion: {name}{where} is not a finite number")
@@ -167,23 +172,23 @@ class MotionRecord:
             object.__setattr__(self, name, value)
         for name in ("times", "frame_times"):
             if np.any(np.diff(getattr(self, name)) < 0.0):
-                raise InputError(f"motion: {name} run backwards")
+                raise InputError(f"motion: {name} decrease; they must be in order")
 
     @property
     def begin(self) -> float:
-        """First time, s; 0 for an empty record."""
+        """Return the first time, s; 0 for an empty record."""
         return float(self.times[0]) if len(self.times) else 0.0
 
     @property
     def end(self) -> float:
-        """Last time, s; 0 for an empty record."""
+        """Return the last time, s; 0 for an empty record."""
         return float(self.times[-1]) if len(self.times) else 0.0
 
     def save(self, path: str | Path) -> None:
-        """Write one `.npz`, whole or not at all.
+        """Write one `.npz` file atomically.
 
         Raises:
-            InputError: it cannot be written there.
+            InputError: the file cannot be written.
         """
         header = {
             "format": _MOTION_FORMAT,
@@ -195,10 +200,11 @@ class MotionRecord:
 
     @classmethod
     def load(cls, path: str | Path) -> "MotionRecord":
-        """Read what `save` wrote.
+        """Read the result of `save`.
 
         Raises:
-            InputError: missing, damaged, or no motion record; the message names the file.
+            InputError: the file is missing or damaged, or no motion record; the message names the
+                file.
         """
         names = "|".join(f.name for f in dc.fields(cls) if f.name != "segments")
         header, arrays = load_archive(path, names)
@@ -213,25 +219,25 @@ class MotionRecord:
 
 @dataclass(frozen=True)
 class ActionRecord:
-    """What one action did, and how long its stages took.
+    """Result of one action, and the time of its stages.
 
     Attributes:
-        index: of the look that it followed.
-        outcome: in a word: done, missed, nothing, refused, flat, fault, ...
-        reason: why, in a sentence; may be empty.
-        wrinkle: index of the wrinkle that was pulled, largest first; None where none was.
-        arms: that took part, "right" and "left".
+        index: index of the look before it.
+        outcome: one word: done, missed, nothing, refused, flat, fault, ...
+        reason: one sentence; may be empty.
+        wrinkle: index of the pulled wrinkle, largest first; None if none was pulled.
+        arms: participating arms, "right" and "left".
         pulls: distance that each of them pulled, m.
-        seconds: wall clock of each stage, s; see `STAGES`.
-        truth_before: the simulated cloth before: coverage (share), height (m), overstretch (ratio); None where
-            there is no truth.
+        seconds: wall-clock time of each stage, s; see `STAGES`.
+        truth_before: true values of the simulated cloth before: coverage (share), height (m),
+            overstretch (ratio); None if the station is not simulated.
         truth_after: the same after the action.
-        clearance: smallest one that the verdict found, m.
-        clearance_measured: smallest one along the measured motion, m.
-        following_error: largest distance of an axis from its plan after the lag was taken away, rad.
-        grip_distance_error: largest difference of the grippers' distance from the plan while both held, m.
-        violations: limits and clearances that the measured motion broke, in words.
-        memory: the judgement's memory after the action, as JSON; given back to it when the run goes on.
+        clearance: smallest clearance of the verdict, m.
+        clearance_measured: smallest clearance along the measured motion, m.
+        following_error: largest distance of an axis from its plan after the lag is removed, rad.
+        grip_distance_error: largest error of the grippers' distance while both held cloth, m.
+        violations: limits and clearances that the measured motion violated, one sentence each.
+        memory: state of the policy after the action, as JSON, from which the run is resumed.
 
     Raises:
         InputError: a figure is not a finite number.
@@ -264,18 +270,18 @@ class ActionRecord:
 
     @property
     def total(self) -> float:
-        """All stages together, s."""
+        """Return the total time of all stages, s."""
         return float(sum(self.seconds.values()))
 
     def to_json(self) -> dict[str, Any]:
-        """Plain lists, numbers and strings."""
+        """Return plain lists, numbers and strings."""
         return {**dc.asdict(self), "arms": list(self.arms), "violations": list(self.violations)}
 
     @classmethod
     def from_json(cls, data: Any) -> "ActionRecord":
-        """Read what `to_json` wrote; unknown keys are left alone.
+        """Read the result of `to_json`; unknown keys are ignored.
 
         Raises:
-            InputError: no object, a key is missing, or a figure is not a finite number.
+            InputError: the data is no object, a key is missing, or a figure is not a finite number.
         """
         return cls(**_checked("action", data, cls))

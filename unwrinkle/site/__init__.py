@@ -1,1 +1,1 @@
-"""A laboratory's devices: found, connected, checked."""
+"""Devices of a site: find, connect and check them."""

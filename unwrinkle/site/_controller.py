@@ -1,4 +1,4 @@
-"""Asking a controller what it says without any of the driver's motion: its ports, its feedback, its inputs."""
+"""Query a controller without the driver's motion: its ports, its feedback, its inputs."""
 
 import dataclasses as dc
 import time
@@ -25,22 +25,22 @@ from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.site import ControllerSite
 
-#: s that the state server is listened to.
+#: Time for which the state server is read, s.
 LISTEN = 1.0
-#: Columns of the thirteen axes that each group's joints fill.
+#: Columns of each group's joints among the thirteen axes.
 COLUMNS = {"r1": slice(1, 7), "r2": slice(7, 13), "ext_axis": slice(0, 1)}
 
 
 @dataclass(frozen=True, eq=False)
 class ControllerFacts:
-    """What a controller's state server said in a second.
+    """Messages of a controller's state server during `LISTEN` seconds.
 
     Attributes:
-        status: of the robot; None if none came.
+        status: status of the robot; None if none arrived.
         groups: numbers of the groups that sent feedback.
-        positions: (13,) rad, of the last whole set; None if none came.
-        rate: whole sets a second.
-        longest_gap: between two of them, s.
+        positions: (13,) rad, of the last complete set; None if none arrived.
+        rate: complete sets per second.
+        longest_gap: longest time between two sets, s.
     """
 
     status: RobotStatus | None
@@ -51,12 +51,13 @@ class ControllerFacts:
 
 
 def reach(site: ControllerSite, name: str, port: int) -> str:
-    """Connect to a port and leave it; nothing is sent.
+    """Connect to a port and disconnect; nothing is sent.
 
     Raises:
-        HardwareError: nobody answers there, or another program drives the robot.
+        HardwareError: nothing answers at the port, or another program drives the robot.
     """
-    # A controller lets go of its owner when another one connects: so the owner is asked first.
+    # A controller drops its present client when another one connects, so the owner's lock is
+    # checked first.
     lock = OwnerLock(site.host, site.motion_port)
     lock.acquire()
     try:
@@ -68,10 +69,10 @@ def reach(site: ControllerSite, name: str, port: int) -> str:
 
 
 def listen(site: ControllerSite, clock: Callable[[], float] = time.monotonic) -> ControllerFacts:
-    """Listen to the state server for a second.
+    """Read the state server for `LISTEN` seconds.
 
     Raises:
-        HardwareError: nobody answers, it says what cannot be understood, or it closes the connection.
+        HardwareError: nothing answers, a message cannot be decoded, or the connection is closed.
     """
     name = "controller, state server"
     link = TcpLink.connect(site.host, site.state_port, site.connect_timeout, name)
@@ -90,7 +91,8 @@ def listen(site: ControllerSite, clock: Callable[[], float] = time.monotonic) ->
 
 def _facts(site: ControllerSite, messages: Sequence[tuple[float, Message]]) -> ControllerFacts:
     status, seen = None, set[int]()
-    # A controller may tell every group by itself, all at once, or both: each way is a series of its own.
+    # A controller may send each group alone, all groups at once, or both: each way is a series of
+    # its own.
     series = (_Sets(site), _Sets(site))
     for when, message in messages:
         if message.type == MessageType.ROBOT_STATUS:
@@ -111,7 +113,7 @@ def _facts(site: ControllerSite, messages: Sequence[tuple[float, Message]]) -> C
 
 
 class _Sets:
-    """Whole sets of feedback out of the groups as they come."""
+    """Assemble complete sets of feedback from the groups' messages."""
 
     def __init__(self, site: ControllerSite) -> None:
         self._groups = site.groups
@@ -131,34 +133,37 @@ class _Sets:
 
 
 def problem_of(site: ControllerSite, facts: ControllerFacts) -> str:
-    """What is wrong with the feedback; empty if nothing is."""
+    """Return what is wrong with the feedback; empty if nothing is."""
     expected = tuple(range(len(site.groups)))
     if not facts.groups:
-        return "no joint feedback came within a second; is the state server the right one?"
+        return "no joint feedback arrived within a second; is the port that of the state server?"
     if facts.groups != expected:
         return (
-            f"feedback of the groups {list(facts.groups)}, expected {list(expected)} "
-            f"({', '.join(site.groups)}): does the controller run the three-group version?"
+            f"feedback arrived of the groups {list(facts.groups)}, expected {list(expected)} "
+            f"({', '.join(site.groups)}); does the controller run the three-group firmware?"
         )
-    wanted = 1.0 / site.feedback_period
-    if not 0.8 * wanted <= facts.rate <= 1.25 * wanted:
+    expected_rate = 1.0 / site.feedback_period
+    if not 0.8 * expected_rate <= facts.rate <= 1.25 * expected_rate:
         return (
-            f"{facts.rate:.1f} sets of feedback a second, expected {wanted:.1f}; is controller.feedback_period "
-            "right, and the network free?"
+            f"{facts.rate:.1f} sets of feedback arrived per second, expected {expected_rate:.1f}; "
+            "check "
+            "controller.feedback_period and the load of the network"
         )
     if facts.longest_gap > site.hold_after:
         return (
-            f"a gap of {1e3 * facts.longest_gap:.0f} ms between two sets of feedback, a motion would hold after "
-            f"{1e3 * site.hold_after:.0f} ms; use a cable of its own, and leave the machine alone"
+            f"the longest gap between two sets of feedback was {1e3 * facts.longest_gap:.0f} ms; a "
+            "motion would hold "
+            f"after {1e3 * site.hold_after:.0f} ms; use a dedicated network cable and stop other "
+            "programs"
         )
     return ""
 
 
 def read_inputs(site: ControllerSite, addresses: Sequence[int]) -> dict[int, int | None]:
-    """Read addresses of the controller's I/O; None where it refuses one.
+    """Read addresses of the controller's I/O; None for an address that it refuses.
 
     Raises:
-        HardwareError: nobody answers, or another program drives the robot.
+        HardwareError: nothing answers, or another program drives the robot.
     """
     lock = OwnerLock(site.host, site.motion_port)
     lock.acquire()  # as in `reach`

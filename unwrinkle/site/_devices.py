@@ -1,4 +1,4 @@
-"""Asking a site's pan-tilt units, cameras and grippers what they are; nothing of the robot moves."""
+"""Query a site's pan-tilt units, cameras and grippers; nothing of the robot moves."""
 
 import time
 from collections.abc import Callable
@@ -20,44 +20,46 @@ from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.site import CameraSite, GripperSite, PanTiltSite
 from unwrinkle.perception.stereo.head import StereoHead
 
-#: An attempt at an exposure may take so much longer than the site's timeout, s: what hangs has to be ended.
+#: Time in addition to the site's timeout after which an exposure is aborted, s.
 _MARGIN = 5.0
-_POLL = 0.01
+#: Polling period, s.
+_POLL_PERIOD = 0.01
 
 Clock = Callable[[], float]
 Sleep = Callable[[float], None]
 
-# What to look at where no pair comes; drivers say themselves what is wrong with a picture.
+#: What to check when no pair arrives, by the kind of camera; the driver reports what is wrong with
+#: an image.
 _ADVICE = {
     "folder": "put pairs left*.png, right*.png of one size there",
-    "watch": "release both cameras while this check waits, and look where their program writes",
-    "opencv": "look at cameras.left and cameras.right, and at what else uses these cameras",
-    "gphoto2": "look at cameras.left and cameras.right (`gphoto2 --auto-detect`)",
+    "watch": "release both cameras during this check, and check the folder of their program",
+    "opencv": "check cameras.left and cameras.right, and whether other programs use the cameras",
+    "gphoto2": "check cameras.left and cameras.right (`gphoto2 --auto-detect`)",
 }
 
 
 def exposure_time(site: CameraSite) -> float:
-    """The longest time that one picture of a site may take, s."""
+    """Return the maximum time that one picture of a site may take, s."""
     return max(site.attempts, 1) * (site.timeout + _MARGIN)
 
 
 def check_unit(
     device: str, site: PanTiltSite, eye: str, head: StereoHead | None, clock: Clock, sleep: Sleep
 ) -> str:
-    """Ask a pan-tilt unit for its step, limits and position.
+    """Query a pan-tilt unit for its step, limits and position.
 
     Args:
-        device: its serial port; empty for none.
-        site: baud rate and times.
+        device: serial port; empty for none.
+        site: baud rate and timeouts.
         eye: left or right.
-        head: as calibrated, whose step it has to have; None where there is no calibration.
-        clock, sleep: monotonic, s.
+        head: calibrated head whose step the unit must have; None without a calibration.
+        clock, sleep: monotonic clock and waiting, s.
 
     Raises:
-        HardwareError: it does not answer, or says what cannot be.
+        HardwareError: the unit does not answer, or answers with impossible values.
     """
     if not device:
-        return "this site has none"
+        return "this site has no pan-tilt unit"
     port = open_serial(device, site.baud)
     try:
         name = f"{eye} pan-tilt unit ({device})"
@@ -66,16 +68,17 @@ def check_unit(
         end = clock() + 12.0 * site.reply_timeout
         while driver.status.state not in (READY, FAULT) and clock() < end:
             driver.poll(clock())
-            sleep(_POLL)
+            sleep(_POLL_PERIOD)
         status = driver.status
         if status.state != READY:
-            raise HardwareError(status.reason or f"{name} did not answer; is it on?")
+            raise HardwareError(status.reason or f"{name} did not answer; is it switched on?")
         axes = zip(
             ("pan", "tilt"), (status.pan, status.tilt), driver.limits, driver.steps, strict=True
         )
         return f"{device}: " + "; ".join(
-            f"{axis} at {np.degrees(angle):.2f} deg of {np.degrees(lower):.1f} to {np.degrees(upper):.1f}, "
-            f"{step / ARC_SECOND:.2f} seconds of arc a position"
+            f"{axis} at {np.degrees(angle):.2f} deg of {np.degrees(lower):.1f} to "
+            f"{np.degrees(upper):.1f}, "
+            f"{step / ARC_SECOND:.2f} seconds of arc per step"
             for axis, angle, (lower, upper), step in axes
         )
     finally:
@@ -86,20 +89,21 @@ def check_cameras(site: CameraSite, head: StereoHead | None = None) -> str:
     """Take one pair, or one depth frame.
 
     Args:
-        site: of the cameras.
-        head: as calibrated, whose cameras the pictures have to be of; None where there is no calibration.
+        site: settings of the cameras.
+        head: calibrated head whose cameras must have taken the images; None without a calibration.
 
     Raises:
-        InputError: the site lacks what its kind of camera needs.
-        HardwareError: there is no picture, or none that can be used.
+        InputError: the site lacks a setting that its kind of camera needs.
+        HardwareError: there is no image, or it cannot be used.
     """
     if site.kind == "none":
-        return "this site has none"
+        return "this site has no cameras"
     if site.kind == "openni2":
         return _depth_camera(site)
     if site.kind == "gphoto2" and find_spec("gphoto2") is None:
         raise HardwareError(
-            "the package gphoto2 is not installed; pip install 'unwrinkle[gphoto2]'"
+            "the package gphoto2 is not installed; install it with: pip install "
+            "'unwrinkle[gphoto2]'"
         )
     camera = open_cameras(site)
     try:
@@ -116,20 +120,23 @@ def check_cameras(site: CameraSite, head: StereoHead | None = None) -> str:
         pairs = pairs_in(folder, site.left or "left", site.right or "right")
         left, right = (path.name for path in pairs[0])
         return (
-            f"folder {folder}: {len(pairs)} pairs, next would be {left} and {right} of {size}; files do not "
-            "tell when they were exposed"
+            f"folder {folder}: {len(pairs)} pairs, the next is {left} and {right} of {size}; files "
+            "do not "
+            "state when they were exposed"
         )
     return f"{site.kind}: a pair of {size}, {_times(picture)}, at most {1e3 * site.skew:.0f} ms"
 
 
 def _check_size(size: str, width: int, height: int, head: StereoHead | None) -> None:
-    """Refuse pictures that are neither of the calibrated size nor reduced alike in both directions."""
+    """Refuse images that do not have the calibrated size, or its aspect at a smaller size."""
     for eye in () if head is None else (head.left, head.right):
         factor = width / eye.camera.width
         if factor > 1.0 or abs(eye.camera.height * factor - height) > 1.0:
             raise HardwareError(
-                f"the pictures are of {size}, but the {eye.name} eye is calibrated for {eye.camera.width} x "
-                f"{eye.camera.height}; set the cameras to that mode, or calibrate the head anew"
+                f"the images are of {size}, but the {eye.name} camera is calibrated for "
+                f"{eye.camera.width} x "
+                f"{eye.camera.height} pixels; set the cameras to that size, or calibrate the head "
+                "again"
             )
 
 
@@ -149,13 +156,14 @@ def _depth_camera(site: CameraSite) -> str:
         end = time.monotonic() + exposure_time(site)
         while camera.result is None and time.monotonic() < end:
             camera.poll(time.monotonic())
-            time.sleep(_POLL)
+            time.sleep(_POLL_PERIOD)
         picture = camera.result
     finally:
         camera.close()
     if picture is None or picture.depth is None:
         raise HardwareError(
-            f"no depth frame within {exposure_time(site):g} s; unplug the camera and plug it in again"
+            f"no depth frame arrived within {exposure_time(site):g} s; unplug the camera and plug "
+            "it in again"
             if picture is None
             else picture.reason
         )
@@ -164,23 +172,25 @@ def _depth_camera(site: CameraSite) -> str:
     when = datetime.fromtimestamp(picture.time).strftime("%H:%M:%S.%f")[:-3]
     colour = "without colour" if picture.colour is None else "with colour"
     return (
-        f"openni2: a depth frame of {width} x {height} pixels {colour} at {when}, {known.size / picture.depth.size:.0%} of "
+        f"openni2: a depth frame of {width} x {height} pixels {colour} at {when}, "
+        f"{known.size / picture.depth.size:.0%} of "
         f"it from {known.min():.2f} to {known.max():.2f} m, median {np.median(known):.2f} m"
     )
 
 
 def check_can_grippers(site: GripperSite, clock: Clock, sleep: Sleep) -> str:
-    """Ask both grippers on a CAN bus for their positions, for at most the site's timeout.
+    """Query both grippers on a CAN bus for their positions, for at most the site's timeout.
 
     Raises:
-        HardwareError: the bus cannot be opened or fails, a gripper does not answer or is not calibrated.
+        HardwareError: the bus cannot be opened or fails, or a gripper does not answer or is not
+            calibrated.
     """
     grippers = CanGrippers(site, open_can_bus(site))
     try:
         end = clock() + site.timeout
         while None in grippers.limbs and not grippers.status.reason and clock() < end:
             grippers.poll(clock())
-            sleep(_POLL)
+            sleep(_POLL_PERIOD)
         limbs, reason = grippers.limbs, grippers.status.reason
     finally:
         grippers.close()
@@ -194,12 +204,13 @@ def check_can_grippers(site: GripperSite, clock: Clock, sleep: Sleep) -> str:
         found.append(f"{side} (limb {code}) at {limb.closure:.0%} of its closure")
         if not limb.calibrated:
             wrong.append(
-                f"the {side} gripper does not know its position; calibrate it (command 0E moves it)"
+                f"the {side} gripper is not calibrated; calibrate it (command 0E moves it)"
             )
     bus = f"can {site.interface} {site.channel}"
     if None in limbs:
         wrong.append(
-            "check its supply, its cable, the bus's termination and bit rate, and grippers.limbs"
+            "check the power supply, the cable, the termination and bit rate of the bus, and "
+            "grippers.limbs"
         )
     if wrong:
         raise HardwareError(f"{bus}: " + "; ".join(wrong))

@@ -1,8 +1,8 @@
-"""Every device of a site asked whether it is there and well; nothing is sent that could move anything.
+"""Check that every device of a site answers and works; nothing is sent that could move the robot.
 
-The controller's motion port is connected to only where its status says that its queues are empty: it would run what is
-left in them as soon as it accepts a connection.
-The cameras take one picture: a DSLR's shutter is all that moves.
+The controller's motion port is connected to only if its status reports empty queues: it would run
+their content as soon as it accepts a connection. The cameras take one picture; the shutter of a
+DSLR is all that moves.
 """
 
 import datetime
@@ -27,12 +27,12 @@ from unwrinkle.site.preflight_checks import check_calibration
 
 @dataclass(frozen=True)
 class DeviceRow:
-    """One device, or one thing about it.
+    """Result of one check of a device.
 
     Attributes:
-        name: of it.
-        passed: whether it is there and well.
-        text: what was found; what is missing and what to do.
+        name: device, or one property of it.
+        passed: whether it answers and works.
+        text: what was found; for a failure, what is missing and what to do.
     """
 
     name: str
@@ -49,18 +49,19 @@ def check_site(
     sleep: Callable[[float], None] = time.sleep,
     tell: Callable[[str], None] = lambda text: None,
 ) -> tuple[DeviceRow, ...]:
-    """Ask every device of a site.
+    """Check every device of a site.
 
     Args:
-        site: to check.
-        limits: of the robot's axes.
-        today: for the calibration's age.
-        clock: monotonic, s.
-        sleep: waits for a time, s.
-        tell: is told what is being asked, and for how long at most where that may be long.
+        site: site to check.
+        limits: limits of the robot's axes.
+        today: date for the calibration's age; today if left out.
+        clock: monotonic clock, s.
+        sleep: function that waits for a time, s.
+        tell: function that displays which device is checked, with the maximum duration if that may
+            be long.
 
     Returns:
-        A row per device; what is missing is a value, not an exception.
+        A row per device; a missing device is a result, not an exception.
     """
     day = datetime.date.today() if today is None else today
     tell("the controller")
@@ -82,7 +83,10 @@ def check_site(
 
 
 def _calibrated(site: Site, limits: Limits) -> StereoHead | None:
-    """The head as calibrated; None without a calibration that can be read, which has a row of its own."""
+    """Return the calibrated head.
+
+    It is None without a readable calibration, which has a row of its own.
+    """
     if not site.calibration:
         return None
     try:
@@ -99,9 +103,9 @@ def _row(name: str, ask: Callable[[], str]) -> DeviceRow:
 
 
 def _controller_rows(site: Site, limits: Limits, clock: Callable[[], float]) -> list[DeviceRow]:
-    """The state server first: it alone says whether a motion connection may be made."""
+    """Check the controller; the state server first: only its status permits a motion connection."""
     c = site.controller
-    # Asked first, since the grippers need this port again, and it takes one client at a time.
+    # Checked first, because the grippers need this port again, and it accepts one client at a time.
     io = _row("controller I/O", partial(_io, site))
     rows = []
     facts: ControllerFacts | None = None
@@ -126,8 +130,9 @@ def _motion(site: Site, facts: ControllerFacts | None) -> str:
     c = site.controller
     if facts is None or facts.status is None or facts.status.in_motion not in (0, 1):
         raise HardwareError(
-            f"{c.host}:{c.motion_port} was not tried: nothing says whether the controller's queues are empty, and it "
-            "would run them at the next connection"
+            f"{c.host}:{c.motion_port} was not tried: it is unknown whether the controller's "
+            "queues are empty, and "
+            "their content would run at the next connection; check the state server first"
         )
     if facts.status.in_motion == 1:
         raise HardwareError(f"{c.host}:{c.motion_port} was not tried: {QUEUE_LEFT}")
@@ -136,26 +141,28 @@ def _motion(site: Site, facts: ControllerFacts | None) -> str:
 
 def _io(site: Site) -> str:
     if not site.needs_io:
-        return "not needed: no gripper is switched by the controller's outputs"
+        return "not required: no gripper is switched by the controller's outputs"
     return reach(site.controller, "I/O", site.controller.io_port)
 
 
 def _assumptions(site: Site) -> str:
-    """What cannot be asked of the controller, and is taken from the site."""
+    """Return the controller's properties that are taken from the site, not queried."""
     c = site.controller
     still = [name for name in GROUPS if name not in c.groups_moved]
     moved = f"moves {', '.join(c.groups_moved)}" + (f", not {', '.join(still)}" if still else "")
     return (
-        f"the firmware {moved}; refuses points above {c.speed_cap:g} of an axis' speed, and starts more than "
-        f"{c.start_pulses:g} pulses off; answers motion within {1e3 * c.latency:.0f} ms (the first run tells how long it "
-        "takes). Not asked: it cannot be"
+        f"the firmware {moved}; refuses points above {c.speed_cap:g} of an axis' speed, and starts "
+        "more than "
+        f"{c.start_pulses:g} pulses off; answers motion within {1e3 * c.latency:.0f} ms (the first "
+        "run measures "
+        "this). Taken from the site: it cannot be queried"
     )
 
 
 def _status(facts: ControllerFacts) -> str:
     if facts.status is None:
         raise HardwareError(
-            "no ROBOT_STATUS came within a second; is the state server the right one?"
+            "no ROBOT_STATUS arrived within a second; is the port that of the state server?"
         )
     if facts.status.problem:
         raise HardwareError(facts.status.problem)
@@ -168,7 +175,8 @@ def _feedback(site: Site, facts: ControllerFacts) -> str:
     if problem:
         raise HardwareError(problem)
     return (
-        f"{facts.rate:.1f} sets a second of the groups {', '.join(site.controller.groups)}, longest gap "
+        f"{facts.rate:.1f} sets per second of the groups {', '.join(site.controller.groups)}, "
+        "longest gap "
         f"{1e3 * facts.longest_gap:.0f} ms"
     )
 
@@ -176,14 +184,15 @@ def _feedback(site: Site, facts: ControllerFacts) -> str:
 def _positions(site: Site, limits: Limits, facts: ControllerFacts) -> str:
     q = facts.positions
     if q is None:
-        raise HardwareError("no whole set of joint positions came")
+        raise HardwareError("no complete set of joint positions arrived; check controller.groups")
     if not np.isfinite(q).all():
-        raise HardwareError("a joint position is not a finite number")
+        raise HardwareError("a joint position is not a finite number; restart the controller")
     out = np.flatnonzero((q < limits.lower - 5e-3) | (q > limits.upper + 5e-3))
     if len(out):
         text = ", ".join(f"axis {i + 1}: {q[i]:.3f} rad" for i in out)
         raise HardwareError(
-            f"outside the robot's limits: {text}; are these degrees, or are the groups in another order than "
+            f"outside the robot's limits: {text}; are the values degrees, or is the order of the "
+            "groups not "
             f"{', '.join(site.controller.groups)}?"
         )
     return "within limits: " + " ".join(f"{np.degrees(value):.1f}" for value in q) + " deg"
@@ -192,7 +201,7 @@ def _positions(site: Site, limits: Limits, facts: ControllerFacts) -> str:
 def _grippers(site: Site, clock: Callable[[], float], sleep: Callable[[float], None]) -> str:
     g = site.grippers
     if g.kind == "none":
-        return "this site has none"
+        return "this site has no grippers"
     if g.kind == "can":
         return check_can_grippers(g, clock, sleep)
     addresses = sorted({a for a in (*g.closed_input, *g.holding_input) if a} | set(g.close_output))
@@ -200,6 +209,7 @@ def _grippers(site: Site, clock: Callable[[], float], sleep: Callable[[float], N
     silent = [address for address, value in values.items() if value is None]
     if silent:
         raise HardwareError(
-            f"the controller does not read the addresses {', '.join(map(str, silent))}; are they the right ones?"
+            f"the controller refuses the addresses {', '.join(map(str, silent))}; check the "
+            "addresses under grippers"
         )
     return "digital: " + ", ".join(f"{address} is {value}" for address, value in values.items())

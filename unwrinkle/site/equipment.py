@@ -1,4 +1,4 @@
-"""A site's controller and grippers, connected for as long as a block lasts, and left clean whatever happens in it."""
+"""Connect a site's controller and grippers for the duration of a block."""
 
 import contextlib
 import dataclasses as dc
@@ -14,22 +14,25 @@ from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.models.robot import Cell
 from unwrinkle.models.site import Site
 
-#: s for the first whole feedback and status after the connection, and for the grippers' first answer.
-FIRST_FEEDBACK, FIRST_ANSWER = 3.0, 1.0
-#: s in which a new set of feedback comes, if any does.
+#: Maximum time for the first complete feedback and status after connecting, s.
+FIRST_FEEDBACK = 3.0
+#: Maximum time for the grippers' first answer, s.
+FIRST_ANSWER = 1.0
+#: Maximum time for a new set of feedback, s.
 FRESH = 0.5
-_POLL = 0.01
+#: Polling period, s.
+_POLL_PERIOD = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Equipment:
-    """What is connected.
+class SiteEquipment:
+    """Connected devices of a site.
 
     Attributes:
-        site: whose it is.
-        driver: of the controller, in a process of its own.
-        grippers: None where the site has none.
-        clock: that the driver runs on, s.
+        site: site of the devices.
+        driver: driver of the controller, in a process of its own.
+        grippers: driver of the grippers; None if the site has none.
+        clock: clock of the driver, s.
     """
 
     site: Site
@@ -38,7 +41,7 @@ class Equipment:
     clock: Callable[[], float]
 
     def settle(self, sleep: Callable[[float], None] = time.sleep) -> DriverStatus:
-        """Wait until the driver has seen the robot and the grippers have had time to answer.
+        """Wait until the driver has received feedback and the grippers have had time to answer.
 
         Returns:
             The driver's status, whatever it is by then.
@@ -51,27 +54,30 @@ class Equipment:
             seen = self.driver.status.state not in (OFFLINE, CONNECTING)
             if seen and (self.grippers is None or waited >= FIRST_ANSWER):
                 break
-            sleep(_POLL)
+            sleep(_POLL_PERIOD)
         return self.driver.status
 
     def fresh_feedback(
         self, sleep: Callable[[float], None] = time.sleep
     ) -> tuple[JointFeedback | None, DriverStatus, float]:
-        """Wait for a set of feedback that comes from now on, for a short while at most.
+        """Wait for new feedback, for at most `FRESH` seconds.
 
         Returns:
-            The last set, the driver's status, and the time now on its clock, s.
+            The last feedback, the driver's status, and the time of its clock, s.
         """
         begin, last = self.clock(), self.driver.feedback
         while self.clock() - begin < FRESH:
             feedback = self.driver.feedback
             if feedback is not None and feedback is not last:
                 break
-            sleep(_POLL)
+            sleep(_POLL_PERIOD)
         return self.driver.feedback, self.driver.status, self.clock()
 
     def gripper_report(self) -> GripperReport | None:
-        """What the grippers say; a report without a word of them has a reason. None where the site has none."""
+        """Return the grippers' report, with a reason if they do not answer.
+
+        It is None if the site has no grippers.
+        """
         if self.grippers is None:
             return None
         report, site = self.grippers.status, self.site.grippers
@@ -82,20 +88,20 @@ class Equipment:
             missing = [str(a) for a in asked if known.get(a) is None]
             if missing:
                 why = self.driver.io_problem or "no answer"
-                silent = f"the inputs {', '.join(missing)} of the grippers cannot be read ({why})"
+                silent = f"the grippers' inputs {', '.join(missing)} cannot be read ({why})"
         elif report.opening is None:
             silent = f"no gripper answers on {site.interface} {site.channel}; is it powered?"
         return dc.replace(report, reason=report.reason or silent)
 
 
 @contextlib.contextmanager
-def connected(site: Site, cell: Cell, log: RunLog | None = None) -> Iterator[Equipment]:
+def connected(site: Site, cell: Cell, log: RunLog | None = None) -> Iterator[SiteEquipment]:
     """Connect to a site's controller and grippers; at the end hold, disconnect and unlock.
 
     Args:
-        site: whose.
-        cell: for the limits of the robot's axes, and the grippers' opening.
-        log: takes what is sent and measured.
+        site: site of the devices.
+        cell: cell with the limits of the robot's axes and the grippers' opening.
+        log: run log of what is sent and measured.
 
     Raises:
         HardwareError: a device does not answer, or another program drives the robot.
@@ -110,10 +116,10 @@ def connected(site: Site, cell: Cell, log: RunLog | None = None) -> Iterator[Equ
         full_speed=cell.with_speed(1.0).limits.velocity,
     ) as driver:
         if site.grippers.kind == "none":
-            yield Equipment(site, driver, None, time.monotonic)
+            yield SiteEquipment(site, driver, None, time.monotonic)
             return
         grippers = open_grippers(site.grippers, driver, cell.scenario.gripper.opening)
         try:
-            yield Equipment(site, driver, grippers, time.monotonic)
+            yield SiteEquipment(site, driver, grippers, time.monotonic)
         finally:
             grippers.close()

@@ -1,4 +1,7 @@
-"""Preflight checks of speed, margins, calibration and log. Each returns what it found, or raises `InputError`."""
+"""Preflight checks of speed, clearances, calibration and log.
+
+Each returns what it found, or raises `InputError`.
+"""
 
 import datetime
 import os
@@ -23,80 +26,94 @@ from unwrinkle.planning.verification.motion import legs
 from unwrinkle.planning.verification.verdict import NEAR_BY_DESIGN, Verdict
 from unwrinkle.planning.verification.verifier import cell_model
 
-#: Of the tool centre points under commissioning, m/s: the reduced speed of manual operation.
+#: Maximum speed of the tool centre points under commissioning, m/s: the reduced speed of manual
+#: operation.
 COMMISSIONING_TIP_SPEED = 0.25
-#: Between two samples a tip may be faster than at both of them by this share.
-_BETWEEN = 1.01
-#: A log takes some 100 kB a second; with less room than this no run begins, bytes.
+#: Factor by which a tip may be faster between two samples than at both of them.
+_BETWEEN_SAMPLES = 1.01
+#: Minimum free disk space for a run log, bytes; a log takes about 100 kB per second.
 LEAST_ROOM = 64 << 20
 
 
 def check_speed(speed: float, most: float) -> str:
-    """Check the share of the planned speed; `most` is below 1 in a commissioning's first run."""
+    """Check the share of the planned speed.
+
+    `most` is below 1 in a first run under commissioning.
+    """
     if not 0.0 < speed <= 1.0:
-        raise InputError(f"speed is {speed:g}; give a fraction above 0, up to 1")
+        raise InputError(f"the speed is {speed:g}; give a fraction above 0, up to 1")
     if speed > most:
         raise InputError(
-            f"speed is {speed:g}, and this plan was never run to its end at this site: its first run is at "
-            f"most {most:g}; give --speed {most:g} or less"
+            f"the speed is {speed:g}, but this plan has not been run to its end at this site; the "
+            "maximum of the "
+            f"first run is {most:g}: give --speed {most:g} or less"
         )
     return f"{speed:g} of the planned speed"
 
 
 def check_tips(site: Site, fastest: float, speed: float) -> str:
-    """Check the tool centre points' speed under commissioning; `fastest` is theirs at the planned speed, m/s."""
+    """Check the speed of the tool centre points under commissioning.
+
+    `fastest` is that at the planned speed, m/s.
+    """
     text, most = f"tips at most {speed * fastest:.2f} m/s", most_speed(site, fastest)
     if speed > most:
         raise InputError(
-            f"{text}, under commissioning at most {COMMISSIONING_TIP_SPEED:g} m/s; give --speed {most:g} or less"
+            f"{text}, under commissioning {COMMISSIONING_TIP_SPEED:g} m/s is allowed; give --speed "
+            f"{most:g} or less"
         )
     return text
 
 
 def most_speed(site: Site, fastest: float) -> float:
-    """Share of the planned speed that a site allows; `fastest` is the tips' at the planned speed, m/s."""
+    """Return the share of the planned speed that a site allows.
+
+    `fastest` is the tips' speed in the plan, m/s.
+    """
     if not site.commissioning or fastest <= COMMISSIONING_TIP_SPEED:
         return 1.0
     return float(np.floor(1000.0 * COMMISSIONING_TIP_SPEED / fastest) / 1000.0)
 
 
 def governed_speed(site: Site, plan: FlatteningPlan, cell: Cell) -> float:
-    """Share of a plan's speed at which no point is above the controller's own cap on any axis."""
+    """Return the largest share of a plan's speed that respects the controller's speed cap."""
     used = _used_speeds(plan, cell).max()
     cap = site.controller.speed_cap
     return 1.0 if used <= cap else float(np.floor(1000.0 * cap / used) / 1000.0)
 
 
 def check_governor(site: Site, plan: FlatteningPlan, cell: Cell, speed: float) -> str:
-    """Check that no point of the plan is above the cap at which the controller refuses it in motion."""
+    """Check that no point of the plan exceeds the controller's speed cap."""
     used, cap = _used_speeds(plan, cell), site.controller.speed_cap
     axis = int(used.argmax())
     text = f"at most {speed * used[axis]:.0%} of an axis' speed ({cell.robot.axes[axis]})"
     if not speed * used[axis] <= cap:
         most = governed_speed(site, plan, cell)
         raise InputError(
-            f"{text}, the controller refuses more than {cap:.0%} (controller.speed_cap) in the midst of a motion; give "
-            f"--speed {most:g} or less, or raise the controller's governor (parameter RCnG147) and the site's key"
+            f"{text}, the controller refuses more than {cap:.0%} (controller.speed_cap) during a "
+            "motion; give "
+            f"--speed {most:g} or less, or raise the controller's governor (parameter RCnG147) and "
+            "the site's key"
         )
     return text
 
 
 def _used_speeds(plan: FlatteningPlan, cell: Cell) -> np.ndarray:
-    """Greatest share of each axis' own full speed that the plan's points have, (13,)."""
+    """Return the largest share of each axis' full speed among the plan's points, (13,)."""
     trajectories = [segment.trajectory for segment in plan.segments]
     return speed_shares(trajectories, cell.with_speed(1.0).limits.velocity)
 
 
 def check_groups(site: Site, plan: FlatteningPlan) -> str:
-    """Check that the plan moves no group that the firmware does not move."""
+    """Check that the plan moves only groups that the firmware moves."""
     moved = site.controller.groups_moved
     if still := unmoved_group([segment.trajectory for segment in plan.segments], moved):
         raise InputError(still)
-    return f"the plan moves none but {', '.join(moved)}"
+    return f"the plan moves only {', '.join(moved)}"
 
 
 def tip_speed(plan: FlatteningPlan, cell: Cell) -> float:
-    """Greatest speed of a tool centre point in a plan at its full speed, m/s."""
+    """Return the largest speed of a tool centre point in a plan at full speed, m/s."""
     model, fastest = cell_model(cell), 0.0
     directions = model.axis_directions()
     for leg in legs(plan, cell.scenario.gripper.opening):
@@ -108,11 +125,11 @@ def tip_speed(plan: FlatteningPlan, cell: Cell) -> float:
                 z = X_WJ[:, joint, :3, :3] @ directions[joint]
                 v += leg.velocities[:, joint, None] * np.cross(z, p_WT - X_WJ[:, joint, :3, 3])
             fastest = max(fastest, float(np.linalg.norm(v, axis=1).max()))
-    return _BETWEEN * fastest
+    return _BETWEEN_SAMPLES * fastest
 
 
 def check_margins(verdict: Verdict, cell: Cell, site: Site) -> str:
-    """Check that distances are twice the shipped cell's clearances under commissioning."""
+    """Check that distances are at least twice the shipped cell's clearances under commissioning."""
     near = verdict.smallest
     text = "no two bodies come near" if near is None else f"smallest {1e3 * near.distance:.1f} mm"
     if not site.commissioning:
@@ -123,18 +140,20 @@ def check_margins(verdict: Verdict, cell: Cell, site: Site) -> str:
         kind = pair.kind.replace("-", "_")
         if pair.kind in NEAR_BY_DESIGN or kind not in doubled:
             continue
-        wanted = max(doubled[kind], used[kind])
-        if pair.distance < wanted:
+        required = max(doubled[kind], used[kind])
+        if pair.distance < required:
             raise InputError(
-                f"{' and '.join(pair.bodies)} come within {1e3 * pair.distance:.1f} mm at {pair.time:.2f} s, "
-                f"under commissioning {1e3 * wanted:.0f} mm are kept; plan with a scenario of doubled "
+                f"{' and '.join(pair.bodies)} come within {1e3 * pair.distance:.1f} mm at "
+                f"{pair.time:.2f} s, "
+                f"under commissioning {1e3 * required:.0f} mm are required; plan with a scenario "
+                "of doubled "
                 "clearances"
             )
     return f"{text}; doubled clearances are kept"
 
 
 def check_calibration(site: Site, today: datetime.date) -> str:
-    """Check that the head's calibration is there, recent and good."""
+    """Check that the head's calibration exists, is recent and accurate."""
     calibration, file = _calibration(site)
     problems = []
     age = (today - datetime.date.fromisoformat(calibration.date)).days
@@ -144,7 +163,7 @@ def check_calibration(site: Site, today: datetime.date) -> str:
     if age < 0:
         problems.append(f"its date {calibration.date} is in the future")
     if min(calibration.left.views, calibration.right.views) < 1:
-        problems.append("it was not measured with a board: it is a nominal one")
+        problems.append("it is nominal, not measured with a calibration board")
     residual = max(calibration.left.residual, calibration.right.residual, calibration.row_residual)
     if residual > site.calibration_residual:
         problems.append(
@@ -155,7 +174,7 @@ def check_calibration(site: Site, today: datetime.date) -> str:
         return f"{label}, {age} days old, residual {residual:.2f} pixels"
     text = "; ".join(problems)
     if site.virtual:
-        return f"{label}: {text}; allowed for virtual equipment alone"
+        return f"{label}: {text}; allowed for virtual equipment only"
     raise InputError(f"{label}: {text}; calibrate the head again with `unwrinkle calibrate`")
 
 
@@ -164,16 +183,17 @@ def _calibration(site: Site) -> tuple[HeadCalibration, str]:
         return load_calibration(resolve(site.calibration)), Path(site.calibration).name
     if not site.virtual:
         raise InputError(
-            f"site '{site.name}' names no calibration of the head; make one with `unwrinkle calibrate` and "
+            f"site '{site.name}' names no calibration of the head; make one with `unwrinkle "
+            "calibrate` and "
             "name it under calibration"
         )
     return nominal_calibration(), "nominal calibration"
 
 
 def check_log(log: Path | None) -> str:
-    """Check that the run log can be written and has room; None is a dry run without one."""
+    """Check that the run log can be written and has room; None for a dry run without a log."""
     if log is None:
-        return "none is kept in this dry run"
+        return "no log in this dry run"
     folder = log.resolve().parent
     while not folder.exists():
         folder = folder.parent
@@ -187,12 +207,14 @@ def check_log(log: Path | None) -> str:
         room = os.statvfs(folder)
     except OSError as error:
         raise InputError(
-            f"{log}: cannot be written ({error.strerror or error}); name a file elsewhere with --log"
+            f"{log}: cannot be written ({error.strerror or error}); name a file elsewhere with "
+            "--log"
         ) from None
     free = room.f_bavail * room.f_frsize
     if free < LEAST_ROOM:
         raise InputError(
-            f"{log}: {free >> 20} MB are free there, at least {LEAST_ROOM >> 20} are needed; make room, or "
-            "name a file elsewhere with --log"
+            f"{log}: {free >> 20} MB are free there, at least {LEAST_ROOM >> 20} MB are needed; "
+            "free disk space, "
+            "or name a file elsewhere with --log"
         )
     return str(log)

@@ -1,4 +1,4 @@
-"""The operator's confirmation before the controller's queues are emptied."""
+"""Ask the operator for confirmation, then empty the controller's queues."""
 
 from rich.console import Console
 
@@ -6,21 +6,23 @@ from unwrinkle.hardware.controller.clear_queue import clear_queue
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.site import Site
 
-#: What is typed to confirm.
+#: Word that the operator types to confirm.
 WORD = "clear"
 
 
 def clear_confirmed(site: Site, console: Console) -> None:
-    """Ask, then empty the queues that a dead motion connection may have left in the controller.
+    """Ask for confirmation, then empty the controller's queues of a broken connection.
 
     Raises:
-        InputError: nobody confirmed it.
+        InputError: it was not confirmed.
         HardwareError: see `clear_queue`.
     """
     console.print(
-        "A stop will be sent as the first bytes of a motion connection. The controller may still run one interpolation "
-        "period of what is in its queues: keep clear of the robot, and the emergency stop in reach. HOLD on the pendant "
-        "does the same without a connection (MotoROS 1.9.12).",
+        "A stop will be sent as the first bytes of a motion connection. The controller may still "
+        "run one interpolation "
+        "period of the content of its queues: keep clear of the robot, with the emergency stop in "
+        "reach. HOLD on the "
+        "pendant does the same without a connection (MotoROS 1.9.12).",
         highlight=False,
         soft_wrap=True,
     )
@@ -29,5 +31,8 @@ def clear_confirmed(site: Site, console: Console) -> None:
     except EOFError:
         typed = ""
     if typed.strip().lower() != WORD:
-        raise InputError(f"the queues were not touched: '{WORD}' confirms it, not '{typed[:12]}'")
+        raise InputError(
+            f"the queues were not emptied: '{typed[:12]}' was typed, '{WORD}' confirms it; try "
+            "again"
+        )
     console.print(clear_queue(site.controller).text, highlight=False, soft_wrap=True)

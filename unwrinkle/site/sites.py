@@ -1,4 +1,4 @@
-"""Finding a site by its name or file, and the cell that it stands for."""
+"""Find a site by its name or file, and load its cell."""
 
 import dataclasses as dc
 from pathlib import Path
@@ -15,15 +15,15 @@ _SUFFIX = ".site.yaml"
 
 
 def shipped_sites() -> tuple[str, ...]:
-    """Names of the sites that the package ships."""
+    """Return the names of the sites that the package ships."""
     files = (models_dir() / "sites").glob(f"*{_SUFFIX}")
     return tuple(sorted(path.name.removesuffix(_SUFFIX) for path in files))
 
 
 def find_site(name: str | Path) -> Site:
-    """Read a site: a file, or the name of a shipped one.
+    """Read a site from a file, or a shipped site by its name.
 
-    Paths in it that are not absolute are taken from the folder of its file.
+    Relative paths in a site file are relative to the folder of the file.
 
     Raises:
         InputError: there is no such site, or its file is wrong.
@@ -33,7 +33,9 @@ def find_site(name: str | Path) -> Site:
         path = models_dir() / "sites" / f"{name}{_SUFFIX}"
     elif not path.is_file():
         known = ", ".join(shipped_sites())
-        raise InputError(f"no site '{name}': give a *{_SUFFIX} file, or a shipped one: {known}")
+        raise InputError(
+            f"there is no site '{name}': give a *{_SUFFIX} file, or a shipped site: {known}"
+        )
     site = load_site(path)
     folder = path.resolve().parent
     return dc.replace(
@@ -45,7 +47,7 @@ def find_site(name: str | Path) -> Site:
 
 
 def site_cell(site: Site) -> "Cell":
-    """The cell of a site.
+    """Load the cell of a site.
 
     Raises:
         InputError: its scenario is missing or wrong.

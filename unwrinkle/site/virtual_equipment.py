@@ -1,4 +1,4 @@
-"""The virtual controller with virtual grippers and pan-tilt units, in real time, for a site."""
+"""Virtual controller of a site with virtual grippers and pan-tilt units, in real time."""
 
 from math import exp
 
@@ -20,12 +20,12 @@ from unwrinkle.systems.station.virtual_devices import unit_settings
 
 
 class VirtualEquipment:
-    """What `unwrinkle controller` runs.
+    """Virtual devices that `unwrinkle controller` runs.
 
     Attributes:
-        controller, server: the virtual controller and what listens for it.
-        devices: of the pan-tilt units' serial ports, left and right; empty without them.
-        measured: (13,) where the axes are, rad.
+        controller, server: the virtual controller and its server.
+        devices: serial ports of the pan-tilt units, left and right; empty without them.
+        measured: (13,) measured positions of the axes, rad.
     """
 
     def __init__(
@@ -44,18 +44,19 @@ class VirtualEquipment:
         """Listen on the site's address and ports.
 
         Args:
-            site: whose equipment is stood in for.
-            limits: of the axes.
-            start: (13,) where they stand, rad.
-            settings: of the controller; those of the site's keys if left out.
-            ports: of motion, state and I/O in place of the site's; 0 lets the system choose.
-            faults: that the server commits.
-            lag: time constant of the axes behind what they are told, beside the controller's delay, s; 0 for none.
-            cloth: whether grippers that close hold cloth.
-            pan_tilt: whether there are pan-tilt units, as the shipped head has them.
+            site: site whose equipment is simulated.
+            limits: limits of the axes.
+            start: (13,) initial positions, rad.
+            settings: settings of the controller; those of the site if left out.
+            ports: ports of motion, state and I/O instead of the site's; 0 for any free port.
+            faults: faults of the server to simulate.
+            lag: time constant of the axes behind the commands, in addition to the controller's
+                delay, s; 0 for none.
+            cloth: whether closed grippers hold cloth.
+            pan_tilt: whether to simulate the pan-tilt units of the shipped head.
 
         Raises:
-            HardwareError: a port is taken.
+            HardwareError: a port is in use.
         """
         place = site.controller
         if settings is None:
@@ -63,11 +64,11 @@ class VirtualEquipment:
         self.controller = VirtualController(
             settings, start, (limits.lower, limits.upper, limits.velocity)
         )
-        wanted = place.motion_port, place.state_port, place.io_port
+        site_ports = place.motion_port, place.state_port, place.io_port
         self.server = ControllerServer(
-            self.controller, place.host, wanted if ports is None else ports, faults
+            self.controller, place.host, site_ports if ports is None else ports, faults
         )
-        if settings.firmware == Firmware.OF_2013:  # it has no such port
+        if settings.firmware == Firmware.OF_2013:  # it has no I/O server
             self.server.stop_listening("io")
         self.measured = self.controller.positions
         self._lag, self._cloth = lag, (cloth, cloth)
@@ -81,10 +82,10 @@ class VirtualEquipment:
         self._serial = [PtyPort() for _ in self._units]
         self.devices = tuple(port.device for port in self._serial)
         self._now: float | None = None
-        self._told = self._shown()
+        self._reported = self._state_texts()
 
     def step(self, now: float) -> list[str]:
-        """Move on to a time of any monotonic clock, s; what happened, one line each."""
+        """Advance to a time of any monotonic clock, s; return one line for each event."""
         step = 0.0 if self._now is None else max(now - self._now, 0.0)
         self._now = now
         before = self.measured
@@ -95,24 +96,26 @@ class VirtualEquipment:
         self.server.poll(now, self.measured, speed)
         for port, unit in zip(self._serial, self._units, strict=True):
             port.poll(unit, now)
-        return self._news()
+        return self._changes()
 
     def close(self) -> None:
-        """Close every port; a second time changes nothing."""
+        """Close every port; repeated calls have no effect."""
         self.server.close()
         for port in self._serial:
             port.close()
 
-    def _news(self) -> list[str]:
+    def _changes(self) -> list[str]:
         texts = [text for _, text in self.server.events]
         self.server.events.clear()
-        shown = self._shown()
-        texts += [f"{name}: {value}" for name, value in shown.items() if value != self._told[name]]
-        self._told = shown
+        now = self._state_texts()
+        texts += [
+            f"{name}: {value}" for name, value in now.items() if value != self._reported[name]
+        ]
+        self._reported = now
         return texts
 
-    def _shown(self) -> dict[str, object]:
-        """What is told when it changes."""
+    def _state_texts(self) -> dict[str, object]:
+        """Return the values that are reported when they change."""
         controller = self.controller
         return {
             "mode": controller.pendant.mode,
@@ -123,9 +126,9 @@ class VirtualEquipment:
             "servos": "on" if controller.pendant.servo else "off",
             "trajectory mode": "on" if controller.pendant.trajectory_mode else "off",
             "axes": "move" if controller.moving else "rest",
-            "queues that ran out in motion": controller.underruns,
+            "queues that ran empty during motion": controller.underruns,
             "grippers (right, left)": ", ".join(
                 "closed" if closed else "open" for closed in self._grippers.closed
             ),
-            "connections refused as garbage": len(self.server.rejected),
+            "connections refused for invalid data": len(self.server.rejected),
         }

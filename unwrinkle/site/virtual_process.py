@@ -1,7 +1,7 @@
-"""A site's virtual controller in a process of its own, for programs that rehearse without a robot.
+"""Run a site's virtual controller in a separate process, to rehearse without a robot.
 
-`python -m unwrinkle.site.virtual_process SITE_FILE_OR_NAME` serves until its standard input is closed, and prints the ports
-that it listens on as one line of JSON: motion, state and I/O.
+`python -m unwrinkle.site.virtual_process SITE_FILE_OR_NAME` serves until its standard input is
+closed, and prints its ports as one line of JSON: motion, state and I/O.
 """
 
 import dataclasses as dc
@@ -18,21 +18,21 @@ from unwrinkle.models.errors import HardwareError, InputError
 from unwrinkle.models.site import Site
 from unwrinkle.site.sites import find_site, site_cell
 
-#: Longest start of the process, s: it loads the robot's limits.
+#: Maximum time for the process to start, s: it loads the robot's limits.
 _START_TIMEOUT = 60.0
-#: Longest end of the process, s.
+#: Maximum time for the process to end, s.
 _END_TIMEOUT = 5.0
 
 
 @contextmanager
 def virtual_controller(name: str) -> Iterator[Site]:
-    """Run the virtual controller of a site while the block lasts.
+    """Run the virtual controller of a site while the block runs.
 
     Args:
-        name: a shipped site, or a site's file; its equipment must be virtual.
+        name: shipped site, or site file; its equipment must be virtual.
 
     Yields:
-        The site, with the ports that the controller listens on; they are free ones, so that several programs can
+        The site with the controller's ports; they are free ones, so that several programs can
         rehearse at once.
 
     Raises:
@@ -41,7 +41,9 @@ def virtual_controller(name: str) -> Iterator[Site]:
     """
     site = find_site(name)
     if not site.virtual:
-        raise InputError(f"site {name}: its equipment is not virtual; nothing is simulated for it")
+        raise InputError(
+            f"site {name}: its equipment is not virtual; use site loopback to rehearse"
+        )
     process = subprocess.Popen(
         [sys.executable, "-m", __name__, name],
         stdin=subprocess.PIPE,
@@ -72,7 +74,9 @@ def _ports_of(process: "subprocess.Popen[str]") -> tuple[int, int, int]:
         motion, state, io = json.loads(line)
     except ValueError:
         raise HardwareError(
-            "the virtual controller did not start; `unwrinkle controller` shows why"
+            f"the virtual controller did not start within {_START_TIMEOUT:g} s; run `unwrinkle "
+            "controller` for "
+            "the reason"
         ) from None
     return int(motion), int(state), int(io)
 
@@ -94,7 +98,7 @@ def _serve(name: str) -> None:
             readable, _, _ = select.select([sys.stdin], [], [], 0.0)
             if readable and not os.read(
                 sys.stdin.fileno(), 1
-            ):  # the parent has closed it, or has ended
+            ):  # the parent has closed it or has ended
                 return
     finally:
         equipment.close()

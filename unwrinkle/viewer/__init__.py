@@ -1,1 +1,1 @@
-"""The cell, plans and live runs in the browser."""
+"""Browser views of the cell, of plans and of live runs."""

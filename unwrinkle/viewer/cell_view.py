@@ -1,4 +1,4 @@
-"""The cell in a live Meshcat, with sliders for its joints and buttons for its named states."""
+"""Show the cell in a live Meshcat, with sliders for its joints and buttons for its named states."""
 
 import logging
 import time
@@ -14,14 +14,15 @@ from unwrinkle.models.robot import Cell
 from unwrinkle.viewer.overlay import closed_page
 from unwrinkle.viewer.scene import ILLUSTRATION, PROXIMITY, WHOLE_CELL, CellScene, look
 
-_POLL = 1.0 / 30.0
+#: Polling period of the controls, s.
+_POLL_PERIOD = 1.0 / 30.0
 _TOGGLES = {"show / hide bodies": ILLUSTRATION, "show / hide collision shapes": PROXIMITY}
 
 _log = logging.getLogger(__name__)
 
 
 class CellView:
-    """A cell shown with its collision shapes in red over its bodies."""
+    """View of a cell, with its collision shapes in red over its bodies."""
 
     def __init__(self, cell: Cell, meshcat: Any, *, state: str = "home") -> None:
         """Send the cell, with the robot in a named state.
@@ -31,7 +32,7 @@ class CellView:
         """
         states = cell.robot.named_states
         if state not in states:
-            raise InputError(f"no state is called {state!r}; the robot has {', '.join(states)}")
+            raise InputError(f"there is no state {state!r}; the robot has {', '.join(states)}")
         self._states = {name: np.array(axes, dtype=float) for name, axes in states.items()}
         self._meshcat = meshcat
         self._scene = CellScene(cell, meshcat, proximity_visible=True)
@@ -44,7 +45,7 @@ class CellView:
         self._shown = dict.fromkeys(_TOGGLES.values(), True)
 
     def page(self) -> str:
-        """Self-contained page of the cell as it stands."""
+        """Return a self-contained page of the cell in the present posture."""
         return closed_page(self._meshcat.StaticHtml(), "The cell")
 
     def add_controls(self) -> None:
@@ -55,7 +56,7 @@ class CellView:
             self._clicks[name] = 0
 
     def update(self) -> Array:
-        """Follow the controls once; return the plant's positions as shown."""
+        """Follow the controls once; return the shown positions of the plant."""
         for name, layer in _TOGGLES.items():
             if self._clicked(name):
                 self._shown[layer] = not self._shown[layer]
@@ -71,10 +72,10 @@ class CellView:
         return q
 
     def run(self, stop: Callable[[], bool] = lambda: False) -> None:
-        """Keep following the controls until `stop()` is true or Ctrl-C is pressed."""
+        """Follow the controls until `stop()` is true or Ctrl-C is pressed."""
         try:
             while not stop():
-                time.sleep(_POLL)
+                time.sleep(_POLL_PERIOD)
                 self.update()
         except KeyboardInterrupt:
             _log.info("the view of the cell ended")

@@ -1,6 +1,8 @@
-"""The loop in a live Meshcat: robot and cloth as they move, what the head saw, what was found and planned.
+"""Show the loop in a live Meshcat.
 
-Meshcat sends from a thread of its own, so nothing here waits for a browser.
+The moving robot and cloth, the head's images, the wrinkles and the plan.
+
+Meshcat sends from a thread of its own, so that no call waits for a browser.
 """
 
 import time as clock
@@ -17,33 +19,34 @@ from unwrinkle.perception.wrinkles.analysis import Analysis
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.viewer.plan_shapes import ridge_shapes, target_shapes
 from unwrinkle.viewer.scene import CellScene, in_first_view, rgba
-from unwrinkle.viewer.text_panel import board, picture_board
+from unwrinkle.viewer.text_panel import picture_panel, text_panel
 
-#: Most updates per second of wall clock; what comes sooner is left out.
+#: Maximum updates per second of wall-clock time; earlier ones are skipped.
 RATE = 25.0
 _CLOTH = np.array([0.27, 0.49, 0.72])
-#: Direction to a light from the side: under the viewer's own, from everywhere, folds would hardly show.
+#: Direction to a light from the side: with light from the viewer or from everywhere, folds would
+#: hardly be visible.
 _LIGHT = np.array([-0.62, -0.35, 0.70])
 _INK = "#3b4654"
 
 
 class LiveView:
-    """A cell, its cloth and the loop's findings in a Meshcat."""
+    """View of a cell, its cloth and the loop's results in a Meshcat."""
 
     def __init__(self, cell: Cell, meshcat: Any, triangles: NDArray[Any] | None) -> None:
         """Send the cell.
 
         Args:
-            cell: to show.
-            meshcat: to show it in; see `scene.start_meshcat`.
-            triangles: (m, 3) of the cloth's vertices; None where no cloth is to be shown.
+            cell: cell to show.
+            meshcat: Meshcat to show it in; see `scene.start_meshcat`.
+            triangles: (m, 3) indices of the cloth's vertices; None for no cloth.
 
         Raises:
             InputError: the triangles have another shape, or the cell's models cannot be read.
         """
         faces = np.zeros((0, 3)) if triangles is None else np.asarray(triangles)
         if faces.ndim != 2 or faces.shape[1] != 3:
-            raise InputError(f"cloth's triangles have shape {faces.shape}, wanted (m, 3)")
+            raise InputError(f"the cloth's triangles have shape {faces.shape}; (m, 3) is required")
         self.meshcat = meshcat
         self._scene = CellScene(cell, meshcat, proximity=False)
         self._faces = np.ascontiguousarray(faces.T.astype(np.int32))
@@ -61,14 +64,14 @@ class LiveView:
         *,
         force: bool = False,
     ) -> bool:
-        """Show a posture and the cloth; what has not changed is not sent again.
+        """Show a posture and the cloth; unchanged parts are not sent again.
 
         Args:
             axes: (13,) rad.
             head: (4,) left pan, tilt, right pan, tilt, rad.
-            openings: (2,) of the right and the left gripper, m.
-            vertices: (n, 3) the cloth's, world, m; None leaves it as it is.
-            force: also where the last update was less than 1 / `RATE` ago.
+            openings: (2,) openings of the right and the left gripper, m.
+            vertices: (n, 3) vertices of the cloth, world frame, m; None keeps the shown ones.
+            force: whether to send also if the last update was less than 1 / `RATE` ago.
 
         Returns:
             Whether anything was sent.
@@ -97,17 +100,20 @@ class LiveView:
         return sent
 
     def show_look(self, left: NDArray[np.uint8] | None, right: NDArray[np.uint8] | None) -> None:
-        """Show what the eyes saw, (h, w, 3) RGB, on boards to both sides of the table; None takes one away."""
+        """Show the head's images, (h, w, 3) RGB, on panels on both sides of the table.
+
+        None removes one.
+        """
         for name, picture, across in (("left", left, -0.66), ("right", right, 0.66)):
             path = f"loop/{name} eye"
             if picture is None:
                 self.meshcat.Delete(path)
                 continue
-            self.meshcat.SetObject(path, picture_board(picture, 0.52))
+            self.meshcat.SetObject(path, picture_panel(picture, 0.52))
             self.meshcat.SetTransform(path, in_first_view(across, -0.86, 3.0))
 
     def show_analysis(self, analysis: Analysis | None, chosen: int | None = None) -> None:
-        """Show the wrinkles that were found, the chosen one in red; None takes them away."""
+        """Show the wrinkles, the chosen one in red; None removes them."""
         self.meshcat.Delete("loop/wrinkles")
         if analysis is not None:
             curves = [wrinkle.curve for wrinkle in analysis.wrinkles]
@@ -115,14 +121,17 @@ class LiveView:
                 self._mesh(f"loop/wrinkles/{path}", mesh, colour)
 
     def show_plan(self, plan: FlatteningPlan | None) -> None:
-        """Show where the arms will grasp and pull; None takes it away."""
+        """Show the planned grasps and pulls; None removes them."""
         self.meshcat.Delete("loop/plan")
         if plan is not None:
             for path, mesh, colour in target_shapes(plan):
                 self._mesh(f"loop/plan/{path}", mesh, colour)
 
     def status(self, lines: Sequence[str]) -> None:
-        """Write lines on a board at the upper left of the first view; an empty list takes it away."""
+        """Show lines on a text panel at the upper left of the first view.
+
+        An empty list removes it.
+        """
         text = tuple(line for line in lines if line)
         if text == self._lines:
             return
@@ -131,7 +140,7 @@ class LiveView:
             self.meshcat.Delete("loop/status")
             return
         self.meshcat.SetObject(
-            "loop/status", board([(line, _INK) for line in text], 0.08 * len(text) + 0.08)
+            "loop/status", text_panel([(line, _INK) for line in text], 0.08 * len(text) + 0.08)
         )
         self.meshcat.SetTransform("loop/status", in_first_view(-0.52, 0.60, 3.0))
 
@@ -141,7 +150,7 @@ class LiveView:
 
 
 def shaded(vertices: Array, faces: NDArray[np.int32]) -> Array:
-    """Colours (3, n) of vertices (n, 3) in the light from the side; faces (3, m)."""
+    """Return the colours (3, n) of vertices (n, 3) in the light from the side; faces (3, m)."""
     x, y, z = np.ascontiguousarray(vertices.T, dtype=float)
     i, j, k = faces
     u = x[j] - x[i], y[j] - y[i], z[j] - z[i]

@@ -1,4 +1,4 @@
-"""The panel over a preview page: hash, verdict, poses to step through, layers, legend."""
+"""Panel of a preview page: hash, verdict, list of poses, layers, legend."""
 
 import json
 from dataclasses import dataclass
@@ -11,24 +11,26 @@ from unwrinkle.viewer.plan_shapes import Colours, pull_magnification
 from unwrinkle.viewer.playback import Playback
 from unwrinkle.viewer.scene import ILLUSTRATION, OVERVIEW, PROXIMITY
 
-#: The page may run its own scripts and read what it carries, and nothing else.
+#: Content security policy: the page may run its own scripts and read its own content, and nothing
+#: else.
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' blob: data:; "
     "style-src 'unsafe-inline'; connect-src data: blob:; img-src data: blob:; font-src data:; "
     "worker-src blob: data:"
 )
+#: Maximum number of listed violations.
 _MOST_LINES = 8
 
 
 @dataclass(frozen=True)
 class PreviewSummary:
-    """What a preview says of a plan's verification.
+    """Result of a plan's verification, for a preview.
 
     Attributes:
-        passed: whether the plan may be executed.
+        passed: whether the plan is verified.
         clearance: smallest distance of two bodies that must not touch, m; None if none came near.
-        pair: the bodies' names.
-        time: of the smallest clearance on the plan's clock, s.
+        pair: names of these bodies.
+        time: time of the smallest clearance on the plan's clock, s.
         lines: further sentences, violations first.
     """
 
@@ -40,7 +42,7 @@ class PreviewSummary:
 
     @classmethod
     def of(cls, verdict: Verdict) -> "PreviewSummary":
-        """Take it from a verdict."""
+        """Return the summary of a verdict."""
         lines = tuple(violation.message for violation in verdict.violations)
         near = verdict.smallest
         if near is None:
@@ -50,7 +52,7 @@ class PreviewSummary:
 
     @property
     def clearance_text(self) -> str:
-        """The smallest clearance with its pair and time, one line."""
+        """Return the smallest clearance with its pair and time, in one line."""
         if self.clearance is None:
             return "no smallest clearance"
         text = f"{1e3 * self.clearance:.1f} mm"
@@ -69,16 +71,16 @@ def page_with_overlay(
     title: str = "",
     at: float | None = None,
 ) -> str:
-    """Put the panel into a page of Meshcat's `StaticHtml`, and forbid the page every request.
+    """Add the panel to a page of Meshcat's `StaticHtml`, and forbid the page every request.
 
     Args:
-        page: from Meshcat.
-        plan: what the page shows.
-        playback: of the plan.
-        summary: of its verification.
-        colours: as drawn.
-        title: what was captured; may be empty.
-        at: s on the plan's clock at which the page opens, standing still; None to play.
+        page: page from Meshcat.
+        plan: plan that the page shows.
+        playback: playback of the plan.
+        summary: result of its verification.
+        colours: colours of the scene.
+        title: name of the capture; may be empty.
+        at: time of the plan's clock at which the page opens, paused, s; None to open it playing.
 
     Returns:
         The page with the panel.
@@ -114,14 +116,14 @@ def page_with_overlay(
 
 
 def closed_page(page: str, title: str) -> str:
-    """Give a page of Meshcat's `StaticHtml` a title, and forbid it every request."""
+    """Set the title of a page of Meshcat's `StaticHtml`, and forbid it every request."""
     policy = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
     page = page.replace("<title>Drake MeshCat</title>", f"<title>{escape(title)}</title>", 1)
     return page.replace("<meta charset=utf-8>", f"<meta charset=utf-8>\n  {policy}", 1)
 
 
 def _verdict(summary: PreviewSummary) -> str:
-    state = ("pass", "verified") if summary.passed else ("fail", "not verified")
+    state = ("pass", "verified") if summary.passed else ("fail", "NOT verified")
     lines = [f"<li>{escape(line)}</li>" for line in summary.lines[:_MOST_LINES]]
     if len(summary.lines) > _MOST_LINES:
         lines.append(f"<li>and {len(summary.lines) - _MOST_LINES} more</li>")
@@ -168,13 +170,13 @@ def _layers(plan: FlatteningPlan, colours: Colours) -> str:
     seen = plan.garment is not None
     times = pull_magnification(plan)
     layers = [
-        ("plan/garment", "garment as it was seen", "#b0a090", True, seen),
+        ("plan/garment", "garment as observed", "#b0a090", True, seen),
         ("plan/outline", "its contour", colours.outline, True, seen),
         ("plan/wrinkle", "the wrinkle's ridge line", colours.ridge, True, True),
-        ("plan/grasp", "grasp: the fingers' way in", colours.grasp, True, True),
+        ("plan/grasp", "grasp: approach of the fingers", colours.grasp, True, True),
         ("plan/pull", f"pull, {times} times as long", colours.pull, True, True),
         ("plan/poses", "the seven poses of each tool", colours.poses[3], True, True),
-        ("plan/tip path", "ways of the fingertips (right, left)", colours.arms, True, True),
+        ("plan/tip path", "paths of the fingertips (right, left)", colours.arms, True, True),
         (ILLUSTRATION, "robot and cell", "#2a5ca8", True, True),
         (PROXIMITY, "shapes used by the collision checks", "#e51a1a", False, True),
     ]
@@ -192,7 +194,7 @@ def _layers(plan: FlatteningPlan, colours: Colours) -> str:
 
 
 def _labels(plan: FlatteningPlan) -> list[dict[str, object]]:
-    """Texts and the points in the world, m, that they stand at."""
+    """Return the labels' texts and their points in the world frame, m."""
     labels: list[dict[str, object]] = []
     for name, choice in zip(("right", "left"), plan.arms, strict=True):
         if choice is not None:
@@ -207,7 +209,7 @@ def _labels(plan: FlatteningPlan) -> list[dict[str, object]]:
 
 
 def _views(plan: FlatteningPlan, points: list[list[float]]) -> dict[str, list[list[float]]]:
-    """Camera and target of each view, world, m."""
+    """Return the camera and target of each view, world frame, m."""
     x, y, z = plan.target.p_WC.tolist()
     views = {
         "overview": [list(point) for point in OVERVIEW],

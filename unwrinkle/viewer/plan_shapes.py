@@ -1,4 +1,4 @@
-"""What a plan wants to do, as small meshes for a scene: the wrinkle, the ways in, the pulls. World frame, m."""
+"""Small meshes of a plan for a scene: the wrinkle, the approaches, the pulls. World frame, m."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.search.key_poses import approach_direction
 from unwrinkle.viewer.shapes import Mesh, arrow, tube
 
-#: Longest pull arrow that is drawn magnified, m.
+#: Maximum length of a pull's arrow, m.
 _PULL_ARROW = 0.13
 
 
 @dataclass(frozen=True)
 class Colours:
-    """Colours (#rrggbb) of what is drawn into the scene; arms right and left, poses in order."""
+    """Colours (#rrggbb) of the scene; arms right and left, poses in order."""
 
     ridge: str
     outline: str
@@ -36,14 +36,16 @@ COLOURS = Colours(
     arms=("#d81b60", "#1e88e5"),
     poses=("#440154", "#443983", "#31688e", "#21918c", "#35b779", "#90d743", "#fde725"),
 )
-#: Of a ridge line that is not pulled.
+#: Colour of a ridge line that is not pulled.
 OTHER_RIDGE = "#fb8c00"
+#: Length of a grasp's arrow, m.
 _GRASP_ARROW = 0.11
+#: Maximum number of ridge lines.
 _SHOWN = 6
 
 
 def wrinkle_shapes(plan: FlatteningPlan) -> Iterator[tuple[str, Mesh, str]]:
-    """Path, mesh and colour of the wrinkle's ridge line and, where it was seen, the garment's contour."""
+    """Yield path, mesh and colour of the ridge line and, if observed, of the contour."""
     garment = plan.garment
     if garment is None:
         target = plan.target
@@ -60,11 +62,11 @@ def wrinkle_shapes(plan: FlatteningPlan) -> Iterator[tuple[str, Mesh, str]]:
 def ridge_shapes(
     curves: Sequence[NDArray[np.floating[Any]]], chosen: int | None
 ) -> Iterator[tuple[str, Mesh, str]]:
-    """Path, mesh and colour of the largest wrinkles' ridge lines.
+    """Yield path, mesh and colour of the largest wrinkles' ridge lines.
 
     Args:
-        curves: (n, 3) points of each, largest first.
-        chosen: index of the one that is pulled; None for none.
+        curves: (n, 3) points of each ridge line, largest wrinkle first.
+        chosen: index of the wrinkle to be pulled; None for none.
     """
     for index, curve in enumerate(curves[:_SHOWN]):
         thinned = np.asarray(curve, dtype=float)[_spread(len(curve))]
@@ -74,12 +76,12 @@ def ridge_shapes(
 
 
 def _spread(count: int) -> NDArray[np.intp]:
-    """At most 60 indices up to a count, the first and the last among them."""
+    """Return at most 60 indices below a count, including the first and the last."""
     return np.unique(np.linspace(0, max(count - 1, 0), min(count, 60)).astype(np.intp))
 
 
 def target_shapes(plan: FlatteningPlan) -> Iterator[tuple[str, Mesh, str]]:
-    """Path, mesh and colour of each arm's way in and of its pull, drawn longer than it is."""
+    """Yield path, mesh and colour of each arm's approach and pull, drawn longer than true."""
     for name, choice in zip(ARMS, plan.arms, strict=True):
         if choice is None:
             continue
@@ -92,7 +94,7 @@ def target_shapes(plan: FlatteningPlan) -> Iterator[tuple[str, Mesh, str]]:
         pull = choice.share * hand.pull_distance
         if pull <= 0.0:
             continue
-        # Drawn inside the grasp point, over the cloth, where no gripper hides it.
+        # Drawn inside the grasp point and above the cloth, where the gripper does not hide it.
         along = np.append(hand.pull_direction, 0.0)
         end = hand.p_WG - 0.03 * along + [0.0, 0.0, 0.03]
         tail = end - pull_magnification(plan) * pull * along
@@ -104,7 +106,10 @@ def target_shapes(plan: FlatteningPlan) -> Iterator[tuple[str, Mesh, str]]:
 
 
 def pull_magnification(plan: FlatteningPlan) -> int:
-    """How many times their length pull arrows are drawn: 5, or fewer where they would get too long."""
+    """Return the magnification of the pulls' arrows.
+
+    It is 5, or less if they would exceed the maximum length.
+    """
     longest = max(
         choice.share * plan.target.hands[choice.side].pull_distance
         for choice in plan.arms

@@ -1,4 +1,7 @@
-"""Where the robot is at a time of a plan: arms and turn-table from the samples, grippers by their speed."""
+"""Posture of the robot at a time of a plan.
+
+Arms and turn-table follow from the samples, grippers from their speed.
+"""
 
 from bisect import bisect_right
 from dataclasses import dataclass
@@ -11,12 +14,12 @@ from unwrinkle.planning.plan import FlatteningPlan
 
 
 @dataclass(frozen=True)
-class Step:
-    """A moment with a name: a pose, or a gripper event.
+class PlaybackStep:
+    """Named moment of a plan: a pose or a gripper event.
 
     Attributes:
-        name: of the pose, or what the grippers do.
-        time: on the plan's clock, s.
+        name: name of the pose, or action of the grippers.
+        time: time on the plan's clock, s.
         pose: whether it is one of the seven poses.
     """
 
@@ -26,10 +29,10 @@ class Step:
 
 
 class Playback:
-    """A plan as a function of time, between the controller's cubics and the grippers' strokes."""
+    """Plan as a function of time: the controller's cubics, the grippers' speed."""
 
     def __init__(self, plan: FlatteningPlan, cell: Cell) -> None:
-        """Take the segments and events of a plan; gripper stroke and speed from the cell."""
+        """Keep a plan's segments and events, and the cell's gripper stroke and speed."""
         self._segments = plan.segments
         self._events = plan.events
         self._starts = [segment.start for segment in plan.segments]
@@ -39,7 +42,7 @@ class Playback:
         ends = [segment.end for segment in plan.segments]
         self.duration = max(ends + [event.time + event.dwell for event in plan.events])
         steps = [
-            Step(mark.name, segment.start + mark.time, True)
+            PlaybackStep(mark.name, segment.start + mark.time, True)
             for segment in plan.segments
             for mark in segment.poses
         ]
@@ -48,30 +51,30 @@ class Playback:
             what = [c for c, before in zip(event.closed, closed, strict=True) if c != before]
             if what:
                 name = "close grippers" if what[0] else "open grippers"
-                steps.append(Step(name if len(what) == 2 else name[:-1], event.time, False))
+                steps.append(PlaybackStep(name if len(what) == 2 else name[:-1], event.time, False))
             closed = event.closed
         self.steps = tuple(sorted(steps, key=lambda step: (step.time, not step.pose)))
 
     def positions(self, time: float) -> Array:
-        """(13,) axis positions in rad; at rest before, between and after the segments."""
+        """Return the axis positions (13,), rad; at rest before, between and after the segments."""
         k = max(0, bisect_right(self._starts, time) - 1)
         cubic = self._cubics[k]
         local = min(max(time - self._starts[k], 0.0), float(cubic.x[-1]))
         return np.asarray(cubic(local), dtype=float)
 
     def openings(self, time: float) -> Array:
-        """(2,) distance between the blades of the right and the left gripper, m."""
+        """Return the openings of the right and the left gripper (2,), m."""
         opening = np.array(
             [0.0 if closed else self._opening for closed in self._segments[0].closed], dtype=float
         )
         for event in self._events:
             goal = np.array([0.0 if closed else self._opening for closed in event.closed])
-            # Until the next event the blades move at their own speed and then stand.
+            # Until the next event the blades move at their speed, then rest.
             way = self._speed * min(max(time - event.time, 0.0), event.dwell)
             opening = opening + np.clip(goal - opening, -way, way)
         return opening
 
     def frame_times(self, rate: float, most: int) -> Array:
-        """Times from 0 to the end at an even rate (1/s), or at fewer than that so that there are at most `most`."""
+        """Return times from 0 to the end at a rate (1/s), at most `most` times."""
         count = int(np.ceil(self.duration * rate)) + 1
         return np.linspace(0.0, self.duration, min(max(count, 2), most))

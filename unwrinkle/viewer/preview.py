@@ -1,6 +1,6 @@
-"""A flattening plan in the browser: as one self-contained page, or live.
+"""Show a flattening plan in the browser, as one self-contained page or live.
 
-The cloth is shown as it was seen; how it answers to the pull is not simulated here.
+The cloth is shown as observed; its response to the pull is not simulated.
 """
 
 import logging
@@ -19,23 +19,27 @@ from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification.verdict import Verdict
 from unwrinkle.viewer.overlay import PreviewSummary, page_with_overlay
 from unwrinkle.viewer.plan_shapes import ARMS, COLOURS, target_shapes, wrinkle_shapes
-from unwrinkle.viewer.playback import Playback, Step
+from unwrinkle.viewer.playback import Playback, PlaybackStep
 from unwrinkle.viewer.scene import CellScene, follow, in_first_view, rgba, start_meshcat
 from unwrinkle.viewer.shapes import triad, tube
-from unwrinkle.viewer.text_panel import board
+from unwrinkle.viewer.text_panel import text_panel
 
+#: Frames per second of the animation.
 FRAME_RATE = 30.0
-#: A page stays under 10 MB with this many frames.
+#: Maximum number of frames; with it a page is smaller than 10 MB.
 MOST_FRAMES = 900
 
 _log = logging.getLogger(__name__)
 
 
 class PlanScene:
-    """A plan's cell, garment, wrinkle, arrows and poses in a Meshcat; `show` moves the robot along it."""
+    """A plan's cell, garment, wrinkle, arrows and poses in a Meshcat.
+
+    `show` moves the robot along the plan.
+    """
 
     def __init__(self, plan: FlatteningPlan, cell: Cell, meshcat: Any) -> None:
-        """Send everything that stands still, and the robot at the plan's begin.
+        """Send all static parts, and the robot at the plan's start.
 
         Raises:
             InputError: the plan was made for another robot, cell or set of limits.
@@ -50,12 +54,12 @@ class PlanScene:
         self.show(0.0)
 
     def show(self, time: float) -> None:
-        """Move the robot to where it is at a time of the plan, s."""
+        """Move the robot to its posture at a time of the plan, s."""
         self._scene.move(self.playback.positions(time), self.playback.openings(time))
         self._scene.publish(time)
 
     def record(self) -> None:
-        """Publish the whole motion as an animation that repeats."""
+        """Publish the whole motion as a repeating animation."""
         times = self.playback.frame_times(FRAME_RATE, MOST_FRAMES)
         rate = (len(times) - 1) / self.playback.duration
         self._meshcat.StartRecording(
@@ -122,11 +126,11 @@ def preview_page(
     """Build the self-contained page of a plan.
 
     Args:
-        plan: what is shown.
-        cell: it was made for.
-        summary: of its verification.
-        title: what was captured; may be empty.
-        at: s on the plan's clock at which the page opens, standing still; None to open it playing.
+        plan: plan to show.
+        cell: cell of the plan.
+        summary: result of its verification.
+        title: name of the capture; may be empty.
+        at: time of the plan's clock at which the page opens, paused, s; None to open it playing.
 
     Returns:
         HTML that needs no other file and makes no request.
@@ -150,11 +154,11 @@ def save_preview(
     """Write a self-contained page that shows a plan, its verdict and the motion.
 
     Args:
-        path: of the HTML file.
-        plan: to be shown.
-        verdict: of the plan.
-        cell: that the plan was made for.
-        title: of the page; the file's name if left out.
+        path: HTML file to write.
+        plan: plan to show.
+        verdict: verdict of the plan.
+        cell: cell of the plan.
+        title: title of the page; the file's name if left out.
 
     Raises:
         InputError: the file cannot be written.
@@ -164,7 +168,10 @@ def save_preview(
 
 
 class LivePreview:
-    """A plan in a live Meshcat: buttons for its poses, a slider for the time, hash and verdict as labels."""
+    """Plan in a live Meshcat.
+
+    It has buttons for the poses, a slider for the time, and the hash and verdict as labels.
+    """
 
     def __init__(
         self, plan: FlatteningPlan, cell: Cell, summary: PreviewSummary, meshcat: Any
@@ -176,7 +183,7 @@ class LivePreview:
         """
         self._meshcat = meshcat
         self._scene = PlanScene(plan, cell, meshcat)
-        self._steps: dict[str, Step] = {}
+        self._steps: dict[str, PlaybackStep] = {}
         state = "verified" if summary.passed else "NOT verified"
         self.labels = (
             f"plan {plan.content_hash[:12]}: {state}",
@@ -184,9 +191,9 @@ class LivePreview:
         )
         shade = "#14692d" if summary.passed else "#b71c1c"
         writing = [(part, shade) for text in self.labels for part in text.split(", ", 1)]
-        writing.append((f"motion {plan.motion_time:.2f} s; cloth shown as seen", "#3b4654"))
-        meshcat.SetObject("plan/board", board(writing, 0.36))
-        meshcat.SetTransform("plan/board", in_first_view(-0.66, 0.58, 3.0))
+        writing.append((f"motion {plan.motion_time:.2f} s; cloth shown as observed", "#3b4654"))
+        meshcat.SetObject("plan/text panel", text_panel(writing, 0.36))
+        meshcat.SetTransform("plan/text panel", in_first_view(-0.66, 0.58, 3.0))
         for label in self.labels:
             meshcat.AddButton(label)
         meshcat.AddButton("play / pause", "Space")
@@ -202,7 +209,7 @@ class LivePreview:
         self._playing = True
 
     def update(self, elapsed: float) -> float:
-        """Follow the controls after `elapsed` seconds of the clock; return the plan's time shown, s."""
+        """Follow the controls after `elapsed` seconds; return the shown time of the plan, s."""
         if self._clicked("play / pause"):
             self._playing = not self._playing
         time = self._time
@@ -223,7 +230,7 @@ class LivePreview:
         return time
 
     def run(self, stop: Callable[[], bool] = lambda: False) -> None:
-        """Keep following the controls until `stop()` is true or Ctrl-C is pressed."""
+        """Follow the controls until `stop()` is true or Ctrl-C is pressed."""
         follow(self.update, stop, lambda: _log.info("live preview ended"))
 
     def _clicked(self, name: str) -> bool:

@@ -1,4 +1,4 @@
-"""The cell in a Meshcat scene: bodies as they look and as the collision checks see them."""
+"""Show the cell in a Meshcat scene: its bodies and the shapes of the collision checks."""
 
 import logging
 import time as clock
@@ -22,43 +22,48 @@ from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell, add_cell, position_indices
 
-#: Of the camera from top to bottom, degrees.
+#: Vertical field of view of the camera, degrees.
 FIELD_OF_VIEW = 42.0
 ILLUSTRATION = "illustration"
 PROXIMITY = "proximity"
 View = tuple[tuple[float, float, float], tuple[float, float, float]]
-#: Camera and what it looks at in the first view: from the front of the robot, to its left; world, m.
+#: Position and target of the camera in the first view: in front of the robot, to its left; world
+#: frame, m.
 OVERVIEW: View = ((0.62, -3.30, 2.45), (-0.15, -0.80, 0.97))
-#: The whole robot with its head.
+#: View of the whole robot with its head.
 WHOLE_CELL: View = ((1.6, -4.3, 2.7), (0.0, -0.35, 1.12))
-_POLL = 1.0 / 30.0
+#: Polling period of the controls, s.
+_POLL_PERIOD = 1.0 / 30.0
 _PROXIMITY_COLOUR = (0.9, 0.1, 0.1, 0.25)
 
 
 def start_meshcat(host: str = "localhost", port: int | None = None) -> Any:
-    """Start a Meshcat server with our background and first view.
+    """Start a Meshcat server with the project's background and first view.
 
     Args:
         host: address to listen on; "*" for all.
-        port: None for the first free one from 7000 on.
+        port: port; None for the first free one from 7000.
 
     Raises:
         InputError: it cannot listen there.
     """
     drake = logging.getLogger("drake")
     if drake.getEffectiveLevel() < logging.INFO:
-        # Meshcat's server thread logs its end at DEBUG, through Python, while its destructor waits for that thread and
-        # may hold the interpreter's lock: a deadlock.
+        # Meshcat's server thread logs its end at DEBUG through Python while its destructor waits
+        # for that thread and may hold the interpreter's lock: a deadlock.
         drake.setLevel(logging.INFO)
     params = MeshcatParams()
     params.host, params.port, params.show_stats_plot = host, port, False
     try:
         meshcat = Meshcat(params)
     except (RuntimeError, ValueError) as error:
-        raise InputError(f"no viewer on {host}, port {port or '7000 and up'}: {error}") from None
+        raise InputError(
+            f"the viewer cannot listen on {host}, port {port or '7000 and up'}: {error}; try "
+            "another --port"
+        ) from None
     meshcat.SetProperty("/Background/<object>", "top_color", [0.94, 0.96, 0.98])
     meshcat.SetProperty("/Background/<object>", "bottom_color", [0.70, 0.75, 0.80])
-    # Primitives have large plain faces: without more light from everywhere the shaded ones look black.
+    # Primitives have large plain faces: without more ambient light the shaded ones look black.
     meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 0.8)
     meshcat.SetProperty("/Lights/FillLight/<object>", "intensity", 0.7)
     meshcat.SetProperty("/Grid", "visible", False)
@@ -71,12 +76,15 @@ def start_meshcat(host: str = "localhost", port: int | None = None) -> Any:
 
 
 def look(meshcat: Any, view: View) -> None:
-    """Place the camera; `view` is where it stands and what it looks at, world, m."""
+    """Place the camera; `view` is its position and its target, world frame, m."""
     meshcat.SetCameraPose(*(np.array(point) for point in view))
 
 
 def in_first_view(across: float, up: float, depth: float) -> RigidTransform:
-    """Pose facing the first view's camera: shares (-1..1) of a 16:10 picture, and m in front of it."""
+    """Return a pose facing the first view's camera.
+
+    `across` and `up` are shares (-1..1) of a 16:10 picture, `depth` is in m.
+    """
     camera, target = (np.array(point) for point in OVERVIEW)
     y = (target - camera) / np.linalg.norm(target - camera)
     x = np.cross(y, [0.0, 0.0, 1.0])
@@ -88,24 +96,24 @@ def in_first_view(across: float, up: float, depth: float) -> RigidTransform:
 
 
 def rgba(colour: str) -> Rgba:
-    """Drake's colour of #rrggbb."""
+    """Convert #rrggbb to Drake's colour."""
     return Rgba(*(int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)), 1.0)
 
 
 def follow(
     update: Callable[[float], object], stop: Callable[[], bool], ended: Callable[[], None]
 ) -> None:
-    """Keep a view in step with its controls, some 30 times a second, until `stop()` is true or Ctrl-C is pressed.
+    """Update a view about 30 times per second until `stop()` is true or Ctrl-C is pressed.
 
     Args:
-        update: called with the seconds since the last time.
-        stop: asked before each update.
-        ended: called where Ctrl-C ended it.
+        update: function called with the time since the last call, s.
+        stop: function called before each update.
+        ended: function called if Ctrl-C ended it.
     """
     before = clock.perf_counter()
     try:
         while not stop():
-            clock.sleep(_POLL)
+            clock.sleep(_POLL_PERIOD)
             now = clock.perf_counter()
             update(now - before)
             before = now
@@ -114,7 +122,7 @@ def follow(
 
 
 class CellScene:
-    """A cell shown in a Meshcat, in two layers: `illustration` and `proximity` (red, see-through)."""
+    """A cell in a Meshcat, in two layers: `illustration` and `proximity` (red, transparent)."""
 
     def __init__(
         self,
@@ -124,13 +132,13 @@ class CellScene:
         proximity: bool = True,
         proximity_visible: bool = False,
     ) -> None:
-        """Send the cell's geometry, with the robot in its default position.
+        """Send the cell's geometry, with the robot in its default posture.
 
         Args:
-            cell: to show.
-            meshcat: to show it in.
-            proximity: whether there is a second layer.
-            proximity_visible: whether it shows.
+            cell: cell to show.
+            meshcat: Meshcat to show it in.
+            proximity: whether to add the layer of collision shapes.
+            proximity_visible: whether that layer is visible.
 
         Raises:
             InputError: the cell's models cannot be read.
@@ -161,31 +169,31 @@ class CellScene:
         self._diagram.ForcedPublish(self._context)
 
     def move(self, axes: Array, openings: Array) -> None:
-        """Set the thirteen axes (rad) and the two gripper openings (m) without showing it yet."""
+        """Set the thirteen axes (rad) and the two gripper openings (m) without publishing them."""
         q = self.plant.GetPositions(self._plant_context)
         q[self.indices.axes] = axes
         q[self.indices.grippers] = openings
         self.plant.SetPositions(self._plant_context, q)
 
     def positions(self) -> Array:
-        """All positions of the plant, in its order."""
+        """Return all positions of the plant, in its order."""
         return np.asarray(self.plant.GetPositions(self._plant_context), dtype=float)
 
     def set_positions(self, q: Array) -> None:
-        """Set all positions of the plant, in its order, without showing it yet."""
+        """Set all positions of the plant, in its order, without publishing them."""
         self.plant.SetPositions(self._plant_context, q)
 
     def publish(self, time: float = 0.0) -> None:
-        """Show the position; `time` (s) is its place in a recording, if one runs."""
+        """Publish the posture; `time` (s) is its place in a recording, if there is one."""
         self._context.SetTime(time)
         self._diagram.ForcedPublish(self._context)
 
     def openings(self) -> Array:
-        """(2,) distance between the blades in the position that is set, m."""
+        """Return the grippers' openings (2,) in the present posture, m."""
         return self.positions()[self.indices.grippers]
 
     def bodies(self) -> tuple[str, ...]:
-        """Paths, within a layer, of the bodies that have a look."""
+        """Return the paths, within a layer, of the bodies that have a geometry."""
         inspector = self._diagram.scene_graph().model_inspector()
         found = []
         for index in map(BodyIndex, range(self.plant.num_bodies())):
@@ -195,7 +203,7 @@ class CellScene:
         return tuple(found)
 
     def body_poses(self, paths: tuple[str, ...]) -> Array:
-        """Position (m) and quaternion x, y, z, w of bodies in the world, (B, 7), as the position is set."""
+        """Return positions (m) and quaternions x, y, z, w of bodies in the world frame, (B, 7)."""
         poses = np.empty((len(paths), 7))
         for k, path in enumerate(paths):
             X_WB = self.plant.EvalBodyPoseInWorld(self._plant_context, self._body(path))
@@ -204,7 +212,7 @@ class CellScene:
         return poses
 
     def tips(self) -> Array:
-        """X_WT (2, 4, 4) of the right and the left tool centre point in the position that is set."""
+        """Return X_WT (2, 4, 4) of the right and the left tool in the present posture."""
         poses = [frame.CalcPoseInWorld(self._plant_context) for frame in self._tips]
         return np.array([pose.GetAsMatrix4() for pose in poses])
 

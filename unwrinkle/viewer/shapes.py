@@ -1,4 +1,4 @@
-"""Small triangle meshes for the browser: tubes, arrows, triads. All in metres, world frame."""
+"""Small triangle meshes for the browser: tubes, arrows, triads; world frame, m."""
 
 from typing import Any
 
@@ -10,23 +10,24 @@ from unwrinkle.models.arrays import Array
 Faces = NDArray[np.int32]
 Mesh = tuple[Array, Faces]
 
+#: Number of sides of a tube.
 _SIDES = 10
 _AXIS_COLOURS = np.array([[0.90, 0.20, 0.15], [0.20, 0.65, 0.20], [0.15, 0.35, 0.90]])
 
 
 def tube(points: NDArray[np.floating[Any]], radii: float | Array, *, capped: bool = True) -> Mesh:
-    """Tube around a polyline.
+    """Build a tube around a polyline.
 
     Args:
-        points: (N, 3), N >= 2.
-        radii: one radius, or (N,) a radius at each point.
+        points: (N, 3) m, N >= 2.
+        radii: one radius, or (N,) radii, m.
         capped: whether both ends are closed by a disc.
 
     Returns:
-        Vertices (V, 3) and triangles (F, 3), seen from outside anticlockwise.
+        Vertices (V, 3) and triangles (F, 3), counter-clockwise seen from outside.
 
     Raises:
-        ValueError: fewer than two points, or all in one place.
+        ValueError: there are fewer than two points, or all coincide.
     """
     p = np.asarray(points, dtype=float)
     r = np.broadcast_to(np.asarray(radii, dtype=float), (len(p),))
@@ -43,7 +44,7 @@ def tube(points: NDArray[np.floating[Any]], radii: float | Array, *, capped: boo
     u = _perpendicular(tangents[0])
     vertices = np.empty((len(p), _SIDES, 3))
     for i, t in enumerate(tangents):
-        # Carried along the line, so that the rings do not twist against each other.
+        # The normal is carried along the line, so that the rings do not twist against each other.
         u = u - t * (u @ t)
         u = u / np.linalg.norm(u) if np.linalg.norm(u) > 1e-9 else _perpendicular(t)
         v = np.cross(t, u)
@@ -72,7 +73,7 @@ def arrow(
     head_radius: float,
     head_length: float,
 ) -> Mesh:
-    """Arrow from tail to tip, (3,) each; the head takes at most 60 % of its length.
+    """Build an arrow from tail to tip, (3,) each, m; the head takes at most 60 % of its length.
 
     Raises:
         ValueError: tail and tip coincide.
@@ -88,19 +89,19 @@ def arrow(
 
 
 def join(meshes: list[Mesh]) -> Mesh:
-    """One mesh of several."""
+    """Join several meshes into one."""
     offsets = np.cumsum([0] + [len(vertices) for vertices, _ in meshes[:-1]])
     faces = [f + offset for (_, f), offset in zip(meshes, offsets, strict=True)]
     return np.concatenate([v for v, _ in meshes]), np.concatenate(faces).astype(np.int32)
 
 
 def triad(X_WF: Array, length: float, radius: float) -> tuple[Array, Faces, Array]:
-    """Axes of a frame, red x, green y, blue z.
+    """Build the axes of a frame: x red, y green, z blue.
 
     Args:
         X_WF: (4, 4) pose of the frame.
-        length: of each axis.
-        radius: of each axis.
+        length: length of each axis, m.
+        radius: radius of each axis, m.
 
     Returns:
         Vertices (V, 3), triangles (F, 3) and colours (V, 3) in 0..1.

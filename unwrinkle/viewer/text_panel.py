@@ -1,4 +1,4 @@
-"""A board with writing or a picture on it as a scene object: Meshcat has no text of its own."""
+"""Panels with text or a picture as scene objects; Meshcat has no text of its own."""
 
 import base64
 import json
@@ -10,28 +10,33 @@ from numpy.typing import NDArray
 from pydrake.common import MemoryFile
 from pydrake.geometry import InMemoryMesh, Mesh
 
-_LINE = 44  # height of a line, pixels
+# Height of a line, margin, and maximum width of a picture, pixels.
+_LINE = 44
 _MARGIN = 24
-_WIDEST = 640  # of a picture, pixels
+_WIDEST = 640
 _MEDIA = {".png": "image/png", ".jpg": "image/jpeg"}
-_SCALE = 1.05  # of OpenCV's font, for that height
+#: Scale of OpenCV's font for that height of a line.
+_SCALE = 1.05
 
 
-def board(lines: list[tuple[str, str]], height: float) -> Any:
-    """Make a board in its own x, z plane, facing -y, with its lower edge centred on the origin.
+def text_panel(lines: list[tuple[str, str]], height: float) -> Any:
+    """Build a text panel in its x, z plane, facing -y, lower edge centred on the origin.
 
     Args:
         lines: texts and their colours, #rrggbb.
-        height: of the board, m.
+        height: height of the panel, m.
 
     Returns:
-        The shape for `Meshcat.SetObject`; its width follows from the texts.
+        Shape for `Meshcat.SetObject`; its width follows from the texts.
     """
     return _textured(_picture(lines), height, ".png")
 
 
-def picture_board(picture: NDArray[np.uint8], height: float) -> Any:
-    """Make a board that shows a picture (h, w, 3) RGB, else as `board`; large pictures are made smaller."""
+def picture_panel(picture: NDArray[np.uint8], height: float) -> Any:
+    """Build a panel with a picture (h, w, 3) RGB, placed as `text_panel`.
+
+    Large pictures are reduced.
+    """
     rows, columns = picture.shape[:2]
     zoom = min(1.0, _WIDEST / columns)
     size = (max(1, round(zoom * columns)), max(1, round(zoom * rows)))
@@ -43,7 +48,7 @@ def _textured(image: Any, height: float, kind: str) -> Any:
     ok, encoded = cv2.imencode(kind, np.ascontiguousarray(image[..., ::-1]))
     if not ok:
         raise RuntimeError(f"OpenCV cannot write {kind}")
-    # glTF's axes have y up; Drake turns them into ours.
+    # glTF's y axis points up; Drake converts it.
     x, y = 0.5 * aspect * height, height
     corners = np.array([[-x, 0, 0], [x, 0, 0], [x, y, 0], [-x, y, 0]], dtype="<f4")
     texture = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], dtype="<f4")
@@ -95,7 +100,7 @@ def _textured(image: Any, height: float, kind: str) -> Any:
             {"bufferView": 2, "componentType": 5123, "count": 6, "type": "SCALAR"},
         ],
     }
-    file = MemoryFile(json.dumps(document), ".gltf", "board.gltf")
+    file = MemoryFile(json.dumps(document), ".gltf", "panel.gltf")
     return Mesh(InMemoryMesh(mesh_file=file))
 
 

@@ -1,4 +1,7 @@
-"""The controller's driver behind the station's ports: commands go to it once, its feedback comes back."""
+"""Drake system of the controller's driver.
+
+Each command is sent once, feedback is passed to the outputs.
+"""
 
 import dataclasses as dc
 from collections.abc import Callable
@@ -18,7 +21,7 @@ from unwrinkle.planning.motion_mode import MotionMode
 from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.systems.abstract_state import set_state_value, state_value
 
-#: The driver's states in the words of the station's port.
+#: States of the station's port by the driver's state.
 STATES = {
     controller_state.OFFLINE: MotionMode.FAULT,
     controller_state.CONNECTING: MotionMode.IDLE,
@@ -33,15 +36,15 @@ STATES = {
 
 
 class MotionDriver(Protocol):
-    """What drives the arms: the driver itself, polled by the diagram, or one that another process polls."""
+    """Driver of the arms, polled by the diagram or, through a proxy, by another process."""
 
     @property
     def status(self) -> DriverStatus:
-        """Of the driver."""
+        """Return the driver's status."""
 
     @property
     def feedback(self) -> JointFeedback | None:
-        """The last whole set; None before the first."""
+        """Return the last complete set of feedback; None before the first."""
 
     def run(self, number: int, trajectory: Trajectory, name: str = "") -> None:
         """Run a trajectory from where the robot rests."""
@@ -50,12 +53,18 @@ class MotionDriver(Protocol):
         """Brake along the path."""
 
     def set_override(self, value: float) -> object:
-        """Share of the planned speed, 0 to 1."""
+        """Set the share of the planned speed, 0 to 1."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
-class _Snapshot(Shared):
+class _FeedbackState(Shared):
+    """Last status and feedback of the driver.
+
+    Positions (13,) are in rad, velocities (13,) in rad/s; `number` is that of the running
+    trajectory.
+    """
+
     status: ControllerStatus
     positions: Array
     velocities: Array
@@ -63,11 +72,11 @@ class _Snapshot(Shared):
 
 
 class ControllerDriverSystem(LeafSystem):
-    """The driver of the axes.
+    """Pass trajectories to the driver of the axes.
 
-    Inputs: `trajectory`, `speed_override` (1,; one if left open).
-    Outputs: `status` (`ControllerStatus`), `position` and `velocity` (13,) of the last feedback, `number` (1,) of the
-    trajectory that runs, 0 at rest; all renewed at the feedback period.
+    Inputs: `trajectory`, `speed_override` (1,; 1 if left unconnected). Outputs: `status`
+    (`ControllerStatus`), `position` and `velocity` (13,) of the last feedback, `number` (1,) of the
+    running trajectory, 0 at rest; all updated at the feedback period.
     """
 
     def __init__(
@@ -79,14 +88,15 @@ class ControllerDriverSystem(LeafSystem):
         feedback_period: float,
         poll: Callable[[float], None] | None = None,
     ) -> None:
-        """Wrap a driver that is connected.
+        """Wrap a connected driver.
 
         Args:
-            driver: of the axes.
-            first: (13,) where they are, until feedback says so, rad.
-            period: of passing commands on, s.
-            feedback_period: of the outputs, s.
-            poll: moves the driver on to a time of the diagram, s; None where another process does it.
+            driver: driver of the axes.
+            first: (13,) positions of the axes until the first feedback, rad.
+            period: period at which commands are passed on, s.
+            feedback_period: period of the outputs, s.
+            poll: function that advances the driver to a time of the diagram, s; None if another
+                process does.
         """
         super().__init__()
         self.set_name("controller driver")
@@ -95,7 +105,7 @@ class ControllerDriverSystem(LeafSystem):
         self._speed = 1.0
         self._command = self.DeclareAbstractInputPort("trajectory", Value(TrajectoryCommand()))
         self._override = self.DeclareVectorInputPort("speed_override", BasicVector(1))
-        start = _Snapshot(ControllerStatus(), first, np.zeros(len(first)))
+        start = _FeedbackState(ControllerStatus(), first, np.zeros(len(first)))
         self._state = self.DeclareAbstractState(Value(start))
         tickets = {self.abstract_state_ticket(self._state)}
         self.DeclareAbstractOutputPort(
@@ -113,12 +123,12 @@ class ControllerDriverSystem(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._drive)
         self.DeclarePeriodicUnrestrictedUpdateEvent(feedback_period, 0.0, self._report)
 
-    def _now(self, context: Context) -> _Snapshot:
-        snapshot: _Snapshot = state_value(context, self._state)
+    def _now(self, context: Context) -> _FeedbackState:
+        snapshot: _FeedbackState = state_value(context, self._state)
         return snapshot
 
     def _reader(
-        self, read: Callable[[_Snapshot], Array | list[int]]
+        self, read: Callable[[_FeedbackState], Array | list[int]]
     ) -> Callable[[Context, BasicVector], None]:
         return lambda context, output: output.SetFromVector(read(self._now(context)))
 
@@ -137,7 +147,7 @@ class ControllerDriverSystem(LeafSystem):
                 self._driver.run(command.number, command.trajectory, command.name)
         if self._poll is not None:
             self._poll(context.get_time())
-        return EventStatus.DidNothing()  # nothing in the context has changed
+        return EventStatus.DidNothing()  # the context has not changed
 
     def _report(self, context: Context, state: State) -> None:
         before, now = self._now(context), self._driver.status

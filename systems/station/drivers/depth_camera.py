@@ -1,4 +1,4 @@
-"""A real depth camera behind the station's ports: one exposure for every head command, once the axes are at rest."""
+"""Drake system of a real depth camera: one exposure per head command, once the axes are at rest."""
 
 from dataclasses import dataclass
 
@@ -15,28 +15,28 @@ from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.simulation.depth_cameras.cameras import load_depth_camera
 from unwrinkle.simulation.rendering.synthetic_towel import overhead_pose
 from unwrinkle.systems.abstract_state import set_state_value, state_value
-from unwrinkle.systems.station.cameras import AXES_STILL, OFF_BEAT
+from unwrinkle.systems.station.cameras import AXES_STILL, UPDATE_OFFSET
 from unwrinkle.systems.station.drivers.device_clock import Clock, diagram_time
 
-#: Why there is no picture of the head.
+#: Reason why there is no image of the head's cameras.
 NO_HEAD = "the head's cameras are not in use"
 
 
 @dataclass(frozen=True, eq=False)
 class _Look(Shared):
-    """The last exposure; `asked` is the head command that one under way will answer."""
+    """Last exposure; `asked` is the head command that the exposure in progress answers."""
 
     image: DepthImage
     asked: int = 0
 
 
 class DepthCameraDriverSystem(LeafSystem):
-    """The scenario's depth camera, fixed over the table; the head is neither turned nor looked through.
+    """Expose the scenario's depth camera, fixed over the table; the head is not used.
 
-    Inputs: `command` (`HeadCommand`, of which the number alone counts), `velocity` (13,) of the axes.
-    Outputs: `depth_image` (`DepthImage`); `left_image`, `right_image` (`HeadImage`, always without a picture), which answer
-    the same commands; `head_position` (4,), zero: nothing is known of where the head stands. Images change with an exposure
-    and at no other time.
+    Inputs: `command` (`HeadCommand`; only its number is used), `velocity` (13,) of the axes.
+    Outputs: `depth_image` (`DepthImage`); `left_image`, `right_image` (`HeadImage`, always without
+    an image), which answer the same commands; `head_position` (4,), zero because the head's angles
+    are unknown. Images change only with an exposure.
     """
 
     def __init__(
@@ -45,13 +45,14 @@ class DepthCameraDriverSystem(LeafSystem):
         """Wrap a camera.
 
         Args:
-            cell: its scenario names the camera's model, whose intrinsics count, and its place.
-            camera: polled here.
-            period: of polls, s.
-            clock: that the camera goes by.
+            cell: robot and cell; its scenario names the camera's model, which supplies the
+                intrinsics, and its place.
+            camera: driver of the camera, polled here.
+            period: polling period, s.
+            clock: function that gives the camera's time.
 
         Raises:
-            InputError: an unknown depth camera.
+            InputError: the depth camera is unknown.
         """
         super().__init__()
         self.set_name("cameras")
@@ -62,7 +63,7 @@ class DepthCameraDriverSystem(LeafSystem):
         self._X_WC = overhead_pose(x, y, z)
         self._command = self.DeclareAbstractInputPort("command", Value(HeadCommand()))
         self._velocity = self.DeclareVectorInputPort("velocity", BasicVector(13))
-        nothing = "nothing was exposed yet"
+        nothing = "no exposure was taken yet"
         first = _Look(DepthImage(reason=nothing))
         self._look = self.DeclareAbstractState(Value(first))
         tickets = {self.abstract_state_ticket(self._look)}
@@ -82,7 +83,7 @@ class DepthCameraDriverSystem(LeafSystem):
             lambda context, output: output.SetFromVector(np.zeros(4)),
             {self.nothing_ticket()},
         )
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period, OFF_BEAT, self._update)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, UPDATE_OFFSET, self._update)
 
     def _head_image(self, context: Context, output: Value) -> None:
         image: DepthImage = state_value(context, self._look).image
@@ -108,7 +109,7 @@ class DepthCameraDriverSystem(LeafSystem):
         return EventStatus.Succeeded()
 
     def _taken(self, picture: DepthPicture, now: float, resting: bool) -> DepthImage:
-        """The picture as a capture; arms that moved meanwhile spoil it."""
+        """Return the image as a capture; without one if the arms moved during the exposure."""
         reason = picture.reason
         if not resting:
             reason = reason or "the robot moved during the exposure"
@@ -123,6 +124,8 @@ class DepthCameraDriverSystem(LeafSystem):
                 X_WC=self._X_WC,
                 name=self._model.name,
             )
-        except InputError as error:  # another size than the model's, or too little depth
+        except (
+            InputError
+        ) as error:  # the size differs from the model's, or there is too little depth
             return DepthImage(picture.number, None, now, str(error))
         return DepthImage(picture.number, capture, now)

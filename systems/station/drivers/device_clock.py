@@ -1,17 +1,17 @@
-"""Which clock a device goes by: virtual ones by the diagram's, real ones by the computer's own."""
+"""Clocks of devices: the diagram's time for virtual ones, the computer's for real ones."""
 
 import time
 from collections.abc import Callable
 
-#: From the diagram's time to the device's, s.
+#: Function from the diagram's time to the device's time, s.
 Clock = Callable[[float], float]
 
 
 def diagram_time(now: float) -> float:
-    """The diagram's time itself, s."""
+    """Return the diagram's time, s."""
     return now
 
 
 def own_time(now: float = 0.0) -> float:
-    """The computer's monotonic clock, s, whatever the diagram's says."""
+    """Return the computer's monotonic clock, s; the argument is ignored."""
     return time.monotonic()

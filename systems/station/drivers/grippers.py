@@ -1,4 +1,4 @@
-"""The grippers' driver behind the station's ports."""
+"""Drake system of the grippers' driver."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -15,9 +15,10 @@ from unwrinkle.systems.station.drivers.device_clock import Clock, diagram_time
 
 
 class GripperDriverSystem(LeafSystem):
-    """The driver of both grippers.
+    """Pass commands to the driver of both grippers.
 
-    Inputs: `command`. Outputs: `status`; a gripper that does not measure its opening reports the open one's or none.
+    Inputs: `command`. Outputs: `status`; for a gripper that does not measure its opening, the
+    opening is that of an open gripper or 0.
     """
 
     def __init__(
@@ -33,12 +34,12 @@ class GripperDriverSystem(LeafSystem):
         """Wrap a driver.
 
         Args:
-            grippers: the driver; it is polled here.
-            opening: of an open gripper, m.
-            period: of polls, s.
-            clock: that the driver goes by.
-            open_first: open both before anything else, since plans begin with open grippers.
-            log: takes down what is commanded.
+            grippers: driver of the grippers, polled here.
+            opening: opening of an open gripper, m.
+            period: polling period, s.
+            clock: function that gives the driver's time.
+            open_first: whether to open both grippers first, since plans start with open grippers.
+            log: run log of the commands.
         """
         super().__init__()
         self.set_name("gripper driver")
@@ -69,13 +70,16 @@ class GripperDriverSystem(LeafSystem):
             self._grippers.command(command.number + self._before, command.closed)
             closed = [bool(c) for c in command.closed]
             text = ", ".join("close" if c else "open" for c in closed) + " (right, left)"
-            with suppress(OSError):  # the controller's driver ends a motion whose log is lost
+            with suppress(
+                OSError
+            ):  # the controller's driver ends a motion whose log cannot be written
                 self._log.event(self._clock(context.get_time()), "gripper", text, closed=closed)
         self._grippers.poll(self._clock(context.get_time()))
         report = self._grippers.status
         right, left = report.closed
         opening = report.opening or (self._open * (not right), self._open * (not left))
-        # Where no sensor can tell, a closed gripper is taken to hold: the next look shows what it did.
+        # Without a sensor a closed gripper is assumed to hold cloth: the next look shows the
+        # effect.
         held_right, held_left = (
             c if h is None else h for c, h in zip(report.closed, report.holding, strict=True)
         )

@@ -1,4 +1,7 @@
-"""Real cameras behind the station's ports: one exposure of the pair for every head command, once all is at rest."""
+"""Drake system of the head's real cameras.
+
+They take one exposure of the pair per head command, once everything is at rest.
+"""
 
 from dataclasses import dataclass
 
@@ -11,17 +14,17 @@ from unwrinkle.flattening.station_messages import DepthImage, HeadImage
 from unwrinkle.hardware.cameras.base import PairCamera, PairPicture
 from unwrinkle.models.shared import Shared
 from unwrinkle.systems.abstract_state import set_state_value, state_value
-from unwrinkle.systems.station.cameras import AXES_STILL, OFF_BEAT
+from unwrinkle.systems.station.cameras import AXES_STILL, UPDATE_OFFSET
 from unwrinkle.systems.station.drivers.device_clock import Clock, diagram_time
 from unwrinkle.systems.station.head import HeadStatus, reported_gaze
 
-#: Why there is no depth image.
+#: Reason why there is no depth image.
 NO_DEPTH = "this site has no depth camera"
 
 
 @dataclass(frozen=True, eq=False)
 class _Pair(Shared):
-    """The last pair; `asked` is the head command that an exposure under way will answer."""
+    """Last pair; `asked` is the head command that the exposure in progress answers."""
 
     left: HeadImage
     right: HeadImage
@@ -29,20 +32,20 @@ class _Pair(Shared):
 
 
 class PairCameraSystem(LeafSystem):
-    """The head's two cameras.
+    """Expose the head's two cameras.
 
-    Inputs: `head` (`HeadStatus`), `position` and `velocity` (13,) of the axes.
-    Outputs: `left_image`, `right_image` (`HeadImage`), `depth_image` (`DepthImage`, always without a picture); they change
-    with an exposure and at no other time.
+    Inputs: `head` (`HeadStatus`), `position` and `velocity` (13,) of the axes. Outputs:
+    `left_image`, `right_image` (`HeadImage`), `depth_image` (`DepthImage`, always without an
+    image); they change only with an exposure.
     """
 
     def __init__(self, camera: PairCamera, *, period: float, clock: Clock = diagram_time) -> None:
         """Wrap a camera.
 
         Args:
-            camera: of the pair; it is polled here.
-            period: of polls, s.
-            clock: that the camera goes by.
+            camera: driver of the pair, polled here.
+            period: polling period, s.
+            clock: function that gives the camera's time.
         """
         super().__init__()
         self.set_name("cameras")
@@ -51,7 +54,7 @@ class PairCameraSystem(LeafSystem):
         self._head = self.DeclareAbstractInputPort("head", Value(first))
         self._position = self.DeclareVectorInputPort("position", BasicVector(13))
         self._velocity = self.DeclareVectorInputPort("velocity", BasicVector(13))
-        nothing = HeadImage(reason="nothing was exposed yet")
+        nothing = HeadImage(reason="no exposure was taken yet")
         self._pair = self.DeclareAbstractState(Value(_Pair(nothing, nothing)))
         tickets = {self.abstract_state_ticket(self._pair)}
         self.DeclareAbstractOutputPort(
@@ -74,7 +77,7 @@ class PairCameraSystem(LeafSystem):
             ),
             tickets,
         )
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period, OFF_BEAT, self._update)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, UPDATE_OFFSET, self._update)
 
     def _update(self, context: Context, state: State) -> EventStatus:
         pair: _Pair = state_value(context, self._pair)
@@ -100,7 +103,10 @@ class PairCameraSystem(LeafSystem):
         return EventStatus.Succeeded()
 
     def _taken(self, context: Context, picture: PairPicture, head: HeadStatus) -> _Pair:
-        """The picture, with the gaze that the units report; a head that moved meanwhile spoils it."""
+        """Return the images with the reported gaze.
+
+        There are no images if the head moved during the exposure.
+        """
         now, number = context.get_time(), picture.number
         gaze = reported_gaze(head.angles, self._position.Eval(context)[0])
         reason = picture.reason

@@ -1,4 +1,4 @@
-"""The drivers of the head's two pan-tilt units behind the station's ports."""
+"""Drake system of the drivers of the head's two pan-tilt units."""
 
 from collections.abc import Callable
 
@@ -15,10 +15,10 @@ from unwrinkle.systems.station.head import HeadStatus
 
 
 class PanTiltDriverSystem(LeafSystem):
-    """Both units' drivers.
+    """Pass head commands to both units' drivers.
 
-    Inputs: `command` (`HeadCommand`). Outputs: `status` (`HeadStatus`), `position` (4,) as the units report it:
-    left pan, tilt, right pan, tilt, rad.
+    Inputs: `command` (`HeadCommand`). Outputs: `status` (`HeadStatus`), `position` (4,) as reported
+    by the units: left pan, tilt, right pan, tilt, rad.
     """
 
     def __init__(
@@ -33,15 +33,15 @@ class PanTiltDriverSystem(LeafSystem):
         """Wrap two drivers.
 
         Args:
-            left, right: of the eyes' units.
-            period: of polls, s.
-            poll: what moves both drivers on to a time, s; if left out, their own `poll`.
-            clock: that the drivers go by.
+            left, right: drivers of the left and the right unit.
+            period: polling period, s.
+            poll: function that advances both drivers to a time, s; if left out, their own `poll`.
+            clock: function that gives the drivers' time.
         """
         super().__init__()
         self.set_name("pan-tilt driver")
         self._units = (left, right)
-        self._poll, self._clock = poll or self._both, clock
+        self._poll, self._clock = poll or self._poll_both, clock
         self._sent = 0
         self._command = self.DeclareAbstractInputPort("command", Value(HeadCommand()))
         first = HeadStatus(0, True, self._angles())
@@ -56,7 +56,7 @@ class PanTiltDriverSystem(LeafSystem):
         self.DeclareVectorOutputPort("position", BasicVector(4), self._position, tickets)
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
 
-    def _both(self, now: float) -> None:
+    def _poll_both(self, now: float) -> None:
         for unit in self._units:
             unit.poll(now)
 

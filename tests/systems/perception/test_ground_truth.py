@@ -1,4 +1,4 @@
-"""The sensor that sees the simulated cloth itself."""
+"""Sensor `truth`, which reads the simulated cloth."""
 
 import dataclasses as dc
 

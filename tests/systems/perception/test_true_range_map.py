@@ -1,4 +1,4 @@
-"""The range map of the true shape: where it is, how high, how noisy."""
+"""Range map of the true shape: position, height and noise."""
 
 import numpy as np
 import pytest
@@ -62,5 +62,5 @@ def test_cells_beside_the_table_are_not_valid() -> None:
 @pytest.mark.parametrize(("sensor", "seed"), [("xtion", 0), ("stereo-head", -1)])
 def test_bad_input_is_refused(sensor: str, seed: int) -> None:
     cloth = _towel()
-    with pytest.raises(InputError, match="range map of the truth"):
+    with pytest.raises(InputError, match="range map of the true cloth"):
         true_range_map(cloth, cloth.flat(TABLE.centre), seed, sensor=sensor)

@@ -1,4 +1,4 @@
-"""The simulated station's head and cameras: once for every command, at rest, and what can go wrong."""
+"""The simulated station's head and cameras: one exposure per command, at rest, and faults."""
 
 import dataclasses as dc
 from collections.abc import Callable
@@ -28,7 +28,7 @@ from unwrinkle.simulation.cloth.initial_states import ridge
 from unwrinkle.simulation.cloth.measures import height_map
 from unwrinkle.simulation.rendering.image_noise import SensorModel
 from unwrinkle.systems.station.head import ACCELERATION
-from unwrinkle.systems.station.photographer import CellPhotographer, Posture, averaged, noisier
+from unwrinkle.systems.station.photographer import CellPhotographer, CellPosture, averaged, noisier
 from unwrinkle.systems.station.world import StationFaults
 
 MakeBench = Callable[..., Any]
@@ -58,9 +58,9 @@ def test_one_exposure_for_one_command(bench: Any, gaze: Gaze, head: StereoHead) 
     np.testing.assert_allclose(bench.read("head.position_measured"), reported)
     true = bench.station.motion_log.between(bench.context, 0.0).head[-1]
     error = np.abs(true - reported) / step
-    assert (error < 0.8).all() and error.max() > 0.01  # near, and not what it reports
+    assert (error < 0.8).all() and error.max() > 0.01  # near, but not equal to the reported angle
     bench.go(1.0)
-    assert bench.read("head.left_image") is left  # nothing new
+    assert bench.read("head.left_image") is left  # unchanged
     again = bench.look(gaze, 0.3)
     assert again.number == 2 and again.time > left.time
     noise = again.pixels.astype(float) - left.pixels
@@ -68,7 +68,7 @@ def test_one_exposure_for_one_command(bench: Any, gaze: Gaze, head: StereoHead) 
 
 
 class _Reader(LeafSystem):
-    """Costly perception and an impatient supervisor: counts how often the picture is worked on."""
+    """Slow perception and a supervisor that polls it: count how often a picture is evaluated."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -162,7 +162,7 @@ def test_scripted_faults_come_once(make_bench: MakeBench, gaze: Gaze, fault: str
     image = bench.look(gaze)
     assert image.number == 1
     if fault == "nothing":
-        assert image.pixels is None and "no picture" in image.reason
+        assert image.pixels is None and "no image" in image.reason
     else:
         assert image.reason == "" and image.pixels.shape[2] == 3
         assert image.pixels.max() == 0 or (fault == "noise" and 70.0 < image.pixels.std() < 78.0)
@@ -171,7 +171,7 @@ def test_scripted_faults_come_once(make_bench: MakeBench, gaze: Gaze, fault: str
 def test_a_seed_gives_the_same_picture(station_cell: Cell, head: StereoHead, bench: Any) -> None:
     cloth = bench.station.cloth
     state = cloth.flat((0.0, -1.1))
-    posture = Posture(np.zeros(13), np.array([0.0, -0.22, 0.12, -0.22]))
+    posture = CellPosture(np.zeros(13), np.array([0.0, -0.22, 0.12, -0.22]))
     photographer = CellPhotographer(station_cell, cloth, head, 3)
     first, again, other = (photographer.pair(posture, state, seed)[0] for seed in (1, 1, 2))
     assert (first == again).all() and (first != other).any()
@@ -200,7 +200,10 @@ def test_without_noise_all_seeds_give_one_picture(
     scenario = dc.replace(
         station_cell.scenario, sensor=dc.replace(station_cell.scenario.sensor, noise=0.0)
     )
-    cloth, posture = bench.station.cloth, Posture(np.zeros(13), np.array([0.0, -0.22, 0.12, -0.22]))
+    cloth, posture = (
+        bench.station.cloth,
+        CellPosture(np.zeros(13), np.array([0.0, -0.22, 0.12, -0.22])),
+    )
     photographer = CellPhotographer(dc.replace(station_cell, scenario=scenario), cloth, head, 3)
     state = cloth.flat((0.0, -1.1))
     first, other = (photographer.pair(posture, state, seed)[0] for seed in (1, 2))
@@ -233,7 +236,7 @@ def test_heights_of_a_wrinkled_cloth_are_seen_to_the_millimetre(
     cloth = bench.station.cloth
     state = ridge(cloth, (0.0, -1.1), 1.3)
     gaze = head.gaze_at(np.array([0.0, -1.1, 0.70]))
-    posture = Posture(np.zeros(13), np.array(dc.astuple(gaze))[:4])
+    posture = CellPosture(np.zeros(13), np.array(dc.astuple(gaze))[:4])
     pair = CellPhotographer(cell, cloth, head, 0).pair(posture, state, 0)
     seen = range_map_from_pair(StereoPair(*pair), head, gaze, table=TABLE)
     truth, origin = height_map(cloth, state, seen.resolution)

@@ -1,4 +1,4 @@
-"""What every form of the station promises at its ports: simulated, through the drivers and TCP, and on real devices' drivers."""
+"""Behaviour common to every form of the station: simulated, over TCP, with the devices' drivers."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -25,7 +25,7 @@ FORMS = ("sim", "loopback", "hardware")
 def rig(
     request: pytest.FixtureRequest, make_rig: Callable[..., Any], tmp_path: Path
 ) -> Iterator[Any]:
-    """A station of each form with hands on its ports."""
+    """Return a station of each form with test inputs at its ports."""
     for number in range(3):
         for eye in ("left", "right"):
             image = np.full((30, 40, 3), 60 * number + 40, np.uint8)
@@ -36,7 +36,7 @@ def rig(
 
 
 def _until(rig: Any, done: Callable[[Any], bool], port: str = "controller.status") -> Any:
-    """Go on until a port says so; give up after 15 s of the station's clock."""
+    """Advance until a port fulfils a condition, for at most 15 s of the station's clock."""
     for _ in range(600):
         value = rig.read(port)
         if done(value):

@@ -58,7 +58,7 @@ def test_its_ports_are_the_contracts(bench: Any) -> None:
     assert bench.read("truth.coverage")[0] == pytest.approx(1.0, abs=0.01)
     assert bench.read("truth.height")[0] == pytest.approx(0.0, abs=1e-6)
     assert bench.read("controller.status") == ControllerStatus()
-    assert "nothing was exposed" in bench.read("head.left_image").reason
+    assert "no exposure was taken" in bench.read("head.left_image").reason
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""A towel is flattened by the command a user types; the same seed does the same again."""
+"""Flatten a towel with the user's command; the same seed gives the same run."""
 
 import json
 import subprocess

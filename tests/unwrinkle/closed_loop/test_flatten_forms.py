@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from unwrinkle.cli import app
-from unwrinkle.closed_loop.session import Choices, begin, go_on
+from unwrinkle.closed_loop.session import Choices, begin_run, resume_run
 from unwrinkle.hardware.run_log.reader import read_run_log
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.site import CameraSite, PanTiltSite, Site, loopback_site
@@ -31,7 +31,7 @@ SMALL = ["--scale", "0.25", "--no-live"]
 
 @pytest.fixture(scope="module")
 def first_look(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run that only looks: its folder has the pair that the head sees first."""
+    """Run a look without an action; return its folder with the first pair."""
     folder = tmp_path_factory.mktemp("look") / "run"
     result = CliRunner().invoke(app, ["flatten", "--actions", "0", "--out", str(folder), *SMALL])
     assert result.exit_code == 3, result.output
@@ -40,7 +40,7 @@ def first_look(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def site(first_look: Path, tmp_path: Path) -> Iterator[Site]:
-    """Virtual equipment in real time; its camera gives the first look's pair, once."""
+    """Run virtual equipment in real time; its camera returns the first look's pair, once."""
     pairs = tmp_path / "pairs"
     pairs.mkdir()
     for eye in ("left", "right"):
@@ -74,7 +74,9 @@ HARDWARE = Choices(station="hardware", scale=0.25, actions=1)
 @pytest.mark.end_to_end
 def test_an_action_through_the_drivers_in_lockstep(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    session = begin(Choices(start="ridge", station="loopback", scale=0.25, actions=1), None, folder)
+    session = begin_run(
+        Choices(start="ridge", station="loopback", scale=0.25, actions=1), None, folder
+    )
     ending = session.run()
     assert ending.status in ("stopped", "flat")
     run = RunFolder.open(folder)
@@ -105,7 +107,7 @@ def test_an_action_on_devices_in_real_time(site: Site, tmp_path: Path) -> None:
         return ""
 
     folder = tmp_path / "run"
-    ending = begin(HARDWARE, None, folder, site=site, approve=approve).run()
+    ending = begin_run(HARDWARE, None, folder, site=site, approve=approve).run()
     assert ending.status == "stopped" and "nothing usable seen" in ending.reason
     action = RunFolder.open(folder).look(0).action()
     assert action.outcome == "done", action.reason
@@ -115,7 +117,10 @@ def test_an_action_on_devices_in_real_time(site: Site, tmp_path: Path) -> None:
     assert moved > 0.3 and not records.cut
     grips = [event.data["closed"] for event in records.events if event.kind == "gripper"]
     assert grips == [[True, True], [False, False]]
-    for page in ("report.html", "replay.html"):  # nothing of it was simulated, and none says so
+    for page in (
+        "report.html",
+        "replay.html",
+    ):  # nothing was simulated, and the pages must not claim so
         text = (folder / page).read_text(encoding="utf-8")
         assert "site's devices" in text and "are simulated" not in text
 
@@ -124,7 +129,7 @@ def test_an_action_on_devices_in_real_time(site: Site, tmp_path: Path) -> None:
 @pytest.mark.end_to_end
 def test_what_the_operator_does_not_confirm_is_not_run(site: Site, tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    ending = begin(
+    ending = begin_run(
         HARDWARE, None, folder, site=site, approve=lambda plan, verdict: "not today"
     ).run()
     assert ending.status == "stopped" and "not today" in ending.reason
@@ -135,8 +140,8 @@ def test_what_the_operator_does_not_confirm_is_not_run(site: Site, tmp_path: Pat
 @pytest.mark.parametrize(
     ("change", "approved", "message"),
     [
-        ({}, False, "say so with --go"),
-        ({"commissioning": True}, True, "being commissioned"),
+        ({}, False, "add --go"),
+        ({"commissioning": True}, True, "under commissioning"),
         ({"virtual": False}, True, "calibration"),
         ({"cameras": CameraSite("none")}, True, "cameras.kind"),
     ],
@@ -147,7 +152,7 @@ def test_the_hardware_station_is_refused(
     bad = dc.replace(loopback_site(), pan_tilt=PanTiltSite("/dev/null", "/dev/null"), **change)
     folder = tmp_path / "run"
     with pytest.raises(InputError, match=message):
-        begin(HARDWARE, None, folder, site=bad, approve=(lambda p, v: "") if approved else None)
+        begin_run(HARDWARE, None, folder, site=bad, approve=(lambda p, v: "") if approved else None)
     assert not folder.exists()  # nothing is left behind
 
 
@@ -177,7 +182,7 @@ def test_without_a_site_there_is_no_hardware(tmp_path: Path) -> None:
 
 def test_a_run_goes_on_in_its_own_form(first_look: Path) -> None:
     with pytest.raises(InputError, match="--station"):
-        go_on(first_look, Choices(station="loopback"))
+        resume_run(first_look, Choices(station="loopback"))
 
 
 def test_plans_are_verified_in_the_sites_own_cell(tmp_path: Path) -> None:
@@ -186,7 +191,7 @@ def test_plans_are_verified_in_the_sites_own_cell(tmp_path: Path) -> None:
     other.write_text("Other: {}\n", encoding="utf-8")
     site = dc.replace(loopback_site(), scenario=str(own))
     with pytest.raises(InputError, match="leave --scenario out"):
-        begin(HARDWARE, other, tmp_path / "run", site=site, approve=lambda p, v: "")
-    with pytest.raises(InputError, match="table size"):  # its own cell is read, and is absurd
-        begin(HARDWARE, None, tmp_path / "run", site=site, approve=lambda p, v: "")
+        begin_run(HARDWARE, other, tmp_path / "run", site=site, approve=lambda p, v: "")
+    with pytest.raises(InputError, match="table size"):  # its own cell is read, and is invalid
+        begin_run(HARDWARE, None, tmp_path / "run", site=site, approve=lambda p, v: "")
     assert not (tmp_path / "run").exists()

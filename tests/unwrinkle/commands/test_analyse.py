@@ -1,4 +1,4 @@
-"""`unwrinkle analyse`: what it writes, and that nothing is left half written."""
+"""`unwrinkle analyse`: its files, and atomic writing."""
 
 import json
 import sys

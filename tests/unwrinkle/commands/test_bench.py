@@ -1,4 +1,4 @@
-"""The one face of all benchmarks."""
+"""Common interface of all benchmarks."""
 
 import inspect
 import json
@@ -78,7 +78,7 @@ def test_unwritable_report_is_bad_input(
 ) -> None:
     assert _bench(monkeypatch, "draws", "--json", tmp_path) == 2
     captured = capsys.readouterr()
-    assert "| 40 |" in captured.out  # what was measured is not lost
+    assert "| 40 |" in captured.out  # results are not lost
     assert "cannot write" in captured.err
 
 
@@ -88,7 +88,7 @@ def test_unknown_name_lists_the_names(
     monkeypatch.setattr(bench, "benchmark_names", lambda: ["analysis", "plans"])
     assert _bench(monkeypatch, "drawers") == 2
     error = capsys.readouterr().err
-    assert error == "unwrinkle: no benchmark is called 'drawers'; try one of: analysis, plans\n"
+    assert error == "unwrinkle: there is no benchmark 'drawers'; known are analysis, plans\n"
 
 
 def test_every_benchmark_has_the_face() -> None:

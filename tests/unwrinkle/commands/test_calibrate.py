@@ -63,7 +63,7 @@ def _truth() -> StereoHead:
 
 @pytest.fixture(scope="module")
 def photographs(tmp_path_factory: pytest.TempPathFactory, draw_board: Draw) -> Path:
-    """A folder with pairs of a board carried about, looks at a fixed one, and looks.yaml."""
+    """Return a folder with pairs of a moved calibration board, looks at a fixed one, and looks.yaml."""
     folder = tmp_path_factory.mktemp("head")
     rng, head = np.random.default_rng(2), _truth()
     margin = BOARD.square * np.array([[-1, -1], [-1, 5], [6, -1], [6, 5]])
@@ -113,7 +113,7 @@ def test_the_head_from_photographs(
     assert run("calibrate", "hand-eye", *files, "--out", out) == 0
     output = capsys.readouterr().out
     assert "methods agree" in output
-    assert "angles are good to" in output
+    assert "are repeatable to" in output
     assert _is_png(out.with_suffix(".png"))
     found = load_calibration(out).stereo_head()
     for true, mine in ((head.left, found.left), (head.right, found.right)):
@@ -166,7 +166,7 @@ def test_a_camera_in_the_gripper_from_photographs(
 def test_real_chessboards(
     shared_data: Path, run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As they are; and with one of the eight spoilt, which leaves too few."""
+    """Eight views suffice; with one damaged there are too few."""
     source = shared_data / "stereo_chessboard"
     board = ("--board", "9x6", "--square", "0.025")
     assert run("calibrate", "stereo", source, *board, "--out", "a/b.yaml") == 0
@@ -187,7 +187,7 @@ def test_real_chessboards(
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (("stereo", "."), "say which board"),
+        (("stereo", "."), "board is not given"),
         (("stereo", ".", "--board", "nine", "--square", "0.025"), "COLUMNSxROWS"),
         (("stereo", ".", "--board", "8x8", "--square", "0.025"), "half a turn"),
         (("stereo", ".", "--board", "9x6", "--square", "25"), "metres"),
@@ -195,7 +195,7 @@ def test_real_chessboards(
         (("stereo", "x.png", "--board", "9x6", "--square", "0.025"), "which eye"),
         (("hand-eye",), "--stereo FILE and --looks FILE"),
         (("hand-eye", "--poses", "p.yaml", "--looks", "l.yaml"), "not both"),
-        (("hand-eye", "--poses", "p.yaml"), "say which board"),
+        (("hand-eye", "--poses", "p.yaml"), "board is not given"),
         (("hand-eye", "--stereo", "s.yaml", "--looks", "l.yaml"), "s.yaml: no such file"),
     ],
 )

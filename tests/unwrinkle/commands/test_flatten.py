@@ -1,4 +1,4 @@
-"""`unwrinkle flatten`: bad input, faults, interrupts, and going on; the whole loop in small."""
+"""`unwrinkle flatten`: bad input, faults, interrupts, resuming; the whole loop at small scale."""
 
 import os
 import signal
@@ -12,7 +12,7 @@ import pytest
 from unwrinkle import cli
 from unwrinkle.closed_loop.recorder import Recorder
 from unwrinkle.closed_loop.run import FlatteningRun, Seconds
-from unwrinkle.closed_loop.session import Choices, Session, begin, go_on
+from unwrinkle.closed_loop.session import Choices, Session, begin_run, resume_run
 from unwrinkle.closed_loop.setup import build_loop, scenario_text, with_choices
 from unwrinkle.closed_loop.station_view import StationView
 from unwrinkle.flattening.state import SupervisorState
@@ -46,7 +46,7 @@ def scenario_file(text: str) -> Path:
 
 
 class At:
-    """A watcher that does something once, when the supervisor enters a state for the n-th time."""
+    """Watcher with one action when the supervisor enters a state for the n-th time."""
 
     def __init__(self, mode: str, count: int, action: Callable[[], None]) -> None:
         self.mode, self.count, self.action = mode, count, action
@@ -73,12 +73,12 @@ def at_rest(station: StationView) -> bool:
     ("text", "options", "words"),
     [
         ("loop: {pace: 3}", (), "pace"),
-        ("table: {size: [0.4, 0.4]}", (), "bigger than the table"),
+        ("table: {size: [0.4, 0.4]}", (), "larger than the table"),
         ("station: {garment: {material: chainmail}}", (), "chainmail"),
         ("speed: 1.0", ("--garment", "sock"), "sock"),
         ("speed: 1.0", ("--sensor", "sonar"), "sonar"),
         ("speed: 1.0", ("--scale", "0.3"), "0.3"),
-        ("speed: 1.0", ("--resume", "elsewhere"), "own scenario"),
+        ("speed: 1.0", ("--resume", "elsewhere"), "uses the scenario"),
     ],
 )
 def test_bad_input_is_refused(run: Run, text: str, options: tuple[str, ...], words: str) -> None:
@@ -138,7 +138,7 @@ def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Sess
 
     def session(**choices: object) -> Session:
         chosen = Choices(scale=0.25, **choices)  # type: ignore[arg-type]
-        return begin(chosen, scenario_file(SMALL), Path("run"))
+        return begin_run(chosen, scenario_file(SMALL), Path("run"))
 
     return session
 
@@ -167,7 +167,7 @@ def test_interrupt_while_pulling_then_going_on(small: Callable[..., Session]) ->
     assert folder.status == "interrupted" and folder.last_complete() is None
     assert folder.look(0).motion().segments[0].name == "approach"
 
-    again = go_on(Path("run"), Choices(actions=2)).run()
+    again = resume_run(Path("run"), Choices(actions=2)).run()
     assert again.status in ("flat", "stopped")
     folder = RunFolder.open("run")
     last = folder.last_complete()
@@ -177,8 +177,8 @@ def test_interrupt_while_pulling_then_going_on(small: Callable[..., Session]) ->
         assert verdict["passed"] and verdict["plan_hash"] == look.plan().content_hash
         assert record.following_error is not None and record.following_error < 1e-3
         assert record.outcome in ("done", "missed")
-    with pytest.raises(InputError, match="a run goes on as it began"):
-        go_on(Path("run"), Choices(garment="tshirt"))
+    with pytest.raises(InputError, match="cannot change when a run is resumed"):
+        resume_run(Path("run"), Choices(garment="tshirt"))
 
 
 @pytest.mark.slow
@@ -212,11 +212,11 @@ def test_a_disk_that_is_full_ends_at_rest(
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("cameras", "words"),
-    [({1: "nothing", 2: "nothing"}, "returned nothing"), ({1: "black", 2: "noise"}, "2 looks")],
+    [({1: "nothing", 2: "nothing"}, "returned no image"), ({1: "black", 2: "noise"}, "2 looks")],
 )
 def test_cameras_that_fail_twice(cameras: dict[int, str], words: str) -> None:
     scenario = with_choices(load_scenario(), start="flat", scale=0.125)
     loop = build_loop(scenario, faults=StationFaults(cameras=cameras))
     ending = FlatteningRun(loop).run()
     assert ending.status == "stopped" and words in ending.reason
-    assert ending.supervisor_state.memory.actions == 0
+    assert ending.supervisor_state.policy_state.actions == 0

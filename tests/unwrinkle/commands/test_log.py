@@ -1,4 +1,4 @@
-"""`unwrinkle log`: a log shown, replayed and exported, whole or cut."""
+"""`unwrinkle log`: show, replay and export a log, complete or incomplete."""
 
 import json
 import sys
@@ -22,7 +22,7 @@ BEGIN = 100.0
 
 @pytest.fixture
 def log(plan: FlatteningPlan, cell: Cell, tmp_path: Path) -> Path:
-    """The log of a run of the plan, with rest before and after, read 40 times a second."""
+    """Write the log of a run of the plan at 40 Hz, with rest before and after."""
     plan.save(tmp_path / "plan.npz")
     header = {
         "site": "loopback",
@@ -69,7 +69,7 @@ def test_show(
 ) -> None:
     assert run(monkeypatch, "show", log) == 0
     out = capsys.readouterr().out
-    for text in ("loopback", "40.0 a second", "13 of 13", "ready > running", "done", "whole"):
+    for text in ("loopback", "40.0 per second", "13 of 13", "ready > running", "done", "complete"):
         assert text in out
 
 
@@ -79,7 +79,7 @@ def test_show_of_a_log_that_was_cut(
     log.write_bytes(log.read_bytes()[:-40])
     assert run(monkeypatch, "show", log) == 0
     out = capsys.readouterr().out
-    assert "cut, as a crash leaves it" in out
+    assert "incomplete, as after a crash" in out
     assert "the program ended before the execution did" in out
 
 
@@ -132,7 +132,7 @@ def test_nothing_to_replay(
 ) -> None:
     RunLog.create(tmp_path / "a.jsonl", {}).close()
     assert run(monkeypatch, "replay", tmp_path / "a.jsonl") == 2
-    assert "no joint feedback" in capsys.readouterr().err
+    assert "sets of joint feedback" in capsys.readouterr().err
     assert not (tmp_path / "a.html").exists()
     assert MOST_FRAMES > 0
 

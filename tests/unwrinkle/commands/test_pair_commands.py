@@ -1,4 +1,4 @@
-"""A rendered pair through the command line: a verified plan, or one line that says why not."""
+"""A rendered pair through the command line: a verified plan, or one line with the reason."""
 
 import json
 import shutil
@@ -36,7 +36,7 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def pair(rendered: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of the pair to spoil, in the working directory."""
+    """Return a copy of the pair in the working directory, to be damaged."""
     shutil.copytree(rendered, tmp_path / "pair")
     monkeypatch.chdir(tmp_path)
     return Path("pair")
@@ -51,7 +51,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
 
 
 def refused(run: Run, pair: Path, *options: object, left: str = "left.png") -> str:
-    """The one line with which `analyse` ends; nothing may be written."""
+    """Return the single line of the error of `analyse`; nothing may be written."""
     before = sorted(Path().rglob("*"))
     head = options or ("--head", pair / "head.yaml")
     code, message = run("analyse", pair / left, pair / "right.png", *head)

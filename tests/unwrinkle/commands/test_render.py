@@ -1,4 +1,4 @@
-"""`unwrinkle render`: the pair, its look and its truth belong together."""
+"""`unwrinkle render`: the pair, its angles and its true heights are consistent."""
 
 import sys
 from pathlib import Path
@@ -89,8 +89,8 @@ def test_truth_is_the_towel_on_whole_multiples_of_the_resolution() -> None:
         (["--garment", "sock"], "'sock': unknown; known are towel, flat"),
         (["--texture", "silk"], "'silk': unknown"),
         (["--scale", "0.3"], "scale 0.3"),
-        (["--gaze-at", "0"], "wanted X,Y"),
-        (["--gaze-at", "nan,0"], "wanted X,Y"),
+        (["--gaze-at", "0"], "give X,Y"),
+        (["--gaze-at", "nan,0"], "give X,Y"),
         (["--gaze-at", "0,3"], "left eye"),
     ],
 )

@@ -71,7 +71,7 @@ def _bad_scenario(path: Path) -> None:
     ("make", "message"),
     [
         (_no_folder, "no such folder; give the folder of a run"),
-        (_no_run, "is no run, run.json is missing"),
+        (_no_run, "run.json is missing"),
         (_damaged, "run.json: cannot be read as JSON"),
         (_no_look, "ended before its first look"),
         (_bad_scenario, "sped"),
@@ -100,7 +100,7 @@ def test_replay_refuses_what_is_no_run(
 
 
 def _click(meshcat: Any, name: str) -> None:
-    """What the browser sends for a click, as msgpack."""
+    """Return the message of a click, as msgpack."""
     text = name.encode()
     message = b"\x82\xa4type\xa6button\xa4name\xd9" + bytes([len(text)]) + text
     meshcat._InjectWebsocketMessage(message=message)
@@ -141,7 +141,7 @@ def test_live_replay_plays_jumps_and_stops(synthetic_run: Any, cell: Cell, tmp_p
     assert player.update(1.0) == pytest.approx(player.duration)
     assert meshcat._GetPackedObject("loop/cloth") != cloth
     _click(meshcat, "play / pause")
-    assert player.update(1.0) == 0.0  # it begins anew
+    assert player.update(1.0) == 0.0  # it restarts
 
 
 def test_live_replay_runs_until_it_is_told_to_stop(

@@ -1,4 +1,4 @@
-"""`unwrinkle site check` against virtual devices, whole ones and broken ones; nothing may move."""
+"""`unwrinkle site check` against virtual devices, intact and faulty; nothing may move."""
 
 import dataclasses as dc
 import io
@@ -79,7 +79,7 @@ def test_a_whole_site(start: Callable[..., Running], cell: Cell) -> None:
     running = start()
     rows = rows_of(running.site, cell)
     assert bad(rows) == []
-    assert "sets a second of the groups r1, r2, ext_axis" in rows["joint feedback"].text
+    assert "sets per second of the groups r1, r2, ext_axis" in rows["joint feedback"].text
     assert "25010 is 0" in rows["grippers"].text
     kinds = {message.type for _, message in running.controller.messages}
     assert kinds <= {MessageType.READ_IO_BIT}, "nothing but questions may be sent"
@@ -87,7 +87,7 @@ def test_a_whole_site(start: Callable[..., Running], cell: Cell) -> None:
 
 def test_nobody_is_there(cell: Cell) -> None:
     site = find_site("loopback")
-    # Port 1 of this machine answers nobody.
+    # Nothing listens on port 1 of this machine.
     ports = {"motion_port": 1, "state_port": 1, "io_port": 1}
     site = dc.replace(site, controller=dc.replace(site.controller, **ports))
     rows = rows_of(site, cell)
@@ -96,7 +96,7 @@ def test_nobody_is_there(cell: Cell) -> None:
 
 
 def left_in_motion(running: Running) -> np.ndarray:
-    """Leave increments in the queues of a controller that nobody is connected to; where the axes rest then."""
+    """Leave increments in the queues of a disconnected controller; return the axes' positions."""
     controller, c = running.controller, running.site.controller
     link = TcpLink.connect(c.host, c.motion_port, 2.0, "a client that dies")
     link.send(MotionControl(-1, 0, Command.START_TRAJ_MODE).to_message().encode())
@@ -149,12 +149,12 @@ def test_the_queues_are_emptied_once_that_is_confirmed(
 
     for typed in ("", "yes\n"):
         assert check(typed) == 2
-        assert "the queues were not touched" in capsys.readouterr().err
+        assert "the queues were not emptied" in capsys.readouterr().err
     assert min(running.controller.queued) > 0
     assert check("clear\n") == 0
     assert "the controller's queues are empty" in capsys.readouterr().out
     assert max(running.controller.queued) == 0
-    # At most what the controller runs before it reads the first bytes.
+    # The controller may run this much before it reads the first bytes.
     assert np.abs(running.controller.positions - stood).max() <= 0.4 * 0.004 * 1.5
     assert clear_queue(running.site.controller).needed is False
 
@@ -171,7 +171,7 @@ def test_what_the_robot_says(start: Callable[..., Running], cell: Cell) -> None:
     ("fault", "name", "text"),
     [
         ("groups", "joint feedback", "expected [0, 1, 2]"),
-        ("degrees", "joint positions", "are these degrees"),
+        ("degrees", "joint positions", "are the values degrees"),
         ("nan", "joint positions", "not a finite number"),
         ("silent_state", "joint feedback", "no joint feedback"),
         ("garbage", "controller state", ""),
@@ -180,7 +180,7 @@ def test_what_the_robot_says(start: Callable[..., Running], cell: Cell) -> None:
 def test_feedback_that_is_wrong(
     start: Callable[..., Running], cell: Cell, fault: str, name: str, text: str
 ) -> None:
-    # An axis stands far enough from zero that degrees cannot be radians.
+    # An axis is so far from zero that degrees cannot be radians.
     running = start(ServerFault(fault), at=np.full(13, 0.2))
     rows = rows_of(running.site, cell)
     assert name in bad(rows)
@@ -240,5 +240,5 @@ def test_the_command(
     assert check(str(path)) == 4
     captured = capsys.readouterr()
     assert "an emergency stop is pressed" in captured.out
-    assert captured.err == "unwrinkle: site loopback: 1 of 12 rows: robot status\n"
+    assert captured.err == "unwrinkle: site loopback: 1 of 12 checks failed: robot status\n"
     assert check("nowhere") == 2

@@ -42,7 +42,7 @@ def test_good_plan(
     captured = capsys.readouterr()
     assert captured.err == ""
     assert "is verified against the model of the cell" in captured.out
-    for word in ("jerk", "tip speed", "finger table", "bound"):
+    for word in ("jerk", "tip speed", "finger table", "lower bound"):
         assert word in captured.out
     verdict = json.loads((tmp_path / "verdict.json").read_text())
     assert verdict["passed"] is True

@@ -17,7 +17,7 @@ from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.search.planner import FlatteningPlanner
 from unwrinkle.viewer.cell_view import CellView
 from unwrinkle.viewer.scene import start_meshcat
-from unwrinkle.viewer.text_panel import board
+from unwrinkle.viewer.text_panel import text_panel
 
 pytestmark = pytest.mark.alone
 
@@ -65,7 +65,7 @@ def test_preview_writes_a_page(
     assert "is verified against the model of the cell; smallest clearance" in out
 
 
-def test_preview_of_an_unsafe_plan_exits_3_with_its_page(
+def test_preview_of_an_unverified_plan_exits_3_with_its_page(
     main: Main, plan_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     import dataclasses as dc
@@ -75,7 +75,7 @@ def test_preview_of_an_unsafe_plan_exits_3_with_its_page(
     bad, page = tmp_path / "bad.npz", tmp_path / "bad.html"
     dc.replace(good, events=(late, good.events[1])).save(bad)
     assert main("preview", bad, "--html", page) == 3
-    assert '<p class="verdict fail"><b>not verified</b>' in page.read_text(encoding="utf-8")
+    assert '<p class="verdict fail"><b>NOT verified</b>' in page.read_text(encoding="utf-8")
     error = capsys.readouterr().err
     assert "NOT verified" in error
     assert error.count("\n") == 1
@@ -145,7 +145,7 @@ def test_show_refuses_an_unknown_state(
 ) -> None:
     page = tmp_path / "cell.html"
     assert main("show", "--html", page, "--state", "asleep") == 2
-    assert "no state is called 'asleep'; the robot has home, " in capsys.readouterr().err
+    assert "there is no state 'asleep'; the robot has home, " in capsys.readouterr().err
     assert not page.exists()
 
 
@@ -153,7 +153,7 @@ def test_show_refuses_an_unknown_state(
 
 
 def _click(meshcat: Any, name: str) -> None:
-    """What the browser sends for a click, as msgpack."""
+    """Return the message of a click, as msgpack."""
     text = name.encode()
     message = b"\x82\xa4type\xa6button\xa4name\xd9" + bytes([len(text)]) + text
     meshcat._InjectWebsocketMessage(message=message)
@@ -196,18 +196,20 @@ def test_view_toggles_the_collision_shapes(cell: Cell) -> None:
 
 def test_viewer_on_a_taken_port_is_an_input_error() -> None:
     first = start_meshcat()
-    with pytest.raises(InputError, match=f"no viewer on localhost, port {first.port()}"):
+    with pytest.raises(
+        InputError, match=f"the viewer cannot listen on localhost, port {first.port()}"
+    ):
         start_meshcat(port=first.port())
 
 
-def test_board_is_a_textured_rectangle_of_the_right_shape() -> None:
+def test_text_panel_is_a_textured_rectangle_of_the_right_shape() -> None:
     meshcat = start_meshcat()
-    shape = board([("plan 0123", "#14692d"), ("a longer second line", "#3b4654")], 0.5)
+    shape = text_panel([("plan 0123", "#14692d"), ("a longer second line", "#3b4654")], 0.5)
     document = json.loads(shape.source().in_memory().mesh_file.contents())
     low, high = (np.array(document["accessors"][0][key]) for key in ("min", "max"))
     assert high[1] - low[1] == pytest.approx(0.5)
     assert high[0] == pytest.approx(-low[0])
     assert high[0] - low[0] > 1.0
     assert document["images"][0]["uri"].startswith("data:image/png;base64,iVBOR")
-    meshcat.SetObject("plan/board", shape)
-    assert meshcat.HasPath("plan/board")
+    meshcat.SetObject("plan/text panel", shape)
+    assert meshcat.HasPath("plan/text panel")

@@ -25,7 +25,7 @@ STEP = 0.02
 
 
 class FakeDriver:
-    """Runs at once and exactly; holds and stops within one step."""
+    """Fake driver that runs exactly and without delay, and holds and stops within one step."""
 
     def __init__(self, positions: np.ndarray) -> None:
         self.status = DriverStatus(READY, robot=PLAY, feedback_age=0.0)
@@ -78,7 +78,7 @@ class FakeDriver:
         self._set(state=FAULT, reason=reason)
 
     def advance(self) -> None:
-        """Go on by a step of the clock."""
+        """Advance by one step of the clock."""
         if self._trajectory is None or self.status.state not in (STARTING, RUNNING):
             return
         progress = self.status.progress + STEP * self._override
@@ -92,7 +92,7 @@ class FakeDriver:
 
     @property
     def runs(self) -> list[object]:
-        """Names of what was run."""
+        """Return the names of the executed segments."""
         return [call[2] for call in self.calls if call[0] == "run"]
 
     def _set(self, **changes: object) -> None:
@@ -109,7 +109,7 @@ class Report:
 
 
 class FakeGrippers:
-    """Grippers that are done a little after they are asked."""
+    """Fake grippers that finish shortly after a command."""
 
     def __init__(self) -> None:
         self.status = Report()
@@ -139,7 +139,7 @@ class FakeGrippers:
 
 
 class Bench:
-    """An executor with its fakes and clock."""
+    """Executor with its fakes and clock."""
 
     def __init__(self, plan: FlatteningPlan, **options: object) -> None:
         self.plan = plan
@@ -149,7 +149,7 @@ class Bench:
         self.now = 0.0
 
     def run(self, until: Callable[[], bool] = lambda: False, most: float = 60.0) -> None:
-        """Go on until something, or the end; a run that has no end fails."""
+        """Advance until a condition or the end; fail if neither is reached."""
         end = self.now + most
         while self.executor.result is None and not until():
             assert self.now < end, f"no end: {self.executor.step}"
@@ -161,13 +161,13 @@ class Bench:
         self.now += STEP
 
     def during(self, name: str) -> Callable[[], bool]:
-        """Whether a segment is under way and has moved."""
+        """Return whether a segment is running and has moved."""
         return lambda: self.executor.step == name and self.driver.status.progress > 0.2
 
 
 @pytest.fixture
 def bench_of(plan: FlatteningPlan) -> Callable[..., Bench]:
-    """Make a bench; its options go to the executor."""
+    """Return a function that makes a bench; its options are passed to the executor."""
 
     def make(**options: object) -> Bench:
         return Bench(plan, **options)

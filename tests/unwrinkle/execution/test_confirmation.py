@@ -1,4 +1,4 @@
-"""The operator sees a plan before agreeing to it, and agrees by its hash alone."""
+"""The operator is shown a plan, and confirms it by its hash only."""
 
 import io
 from pathlib import Path

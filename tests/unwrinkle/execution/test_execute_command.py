@@ -57,7 +57,7 @@ class Robot:
         self._process.stdin.flush()
 
     def end(self) -> dict[str, Any]:
-        """End it; what it was told."""
+        """End the process; return its report."""
         out, _ = self._process.communicate("end\n", timeout=LONGEST)
         found: dict[str, Any] = json.loads(out)
         return found
@@ -102,7 +102,7 @@ class Bench:
         )
 
     def execute(self, *arguments: str) -> tuple[int, str, str]:
-        """Run it to its end: exit code, output, errors."""
+        """Run the command to its end; return exit code, output, errors."""
         process = self.begin(*arguments)
         out, err = process.communicate(timeout=LONGEST)
         return process.returncode, out, err
@@ -121,7 +121,7 @@ def bench_with(plan_file: Path, tmp_path: Path) -> Iterator[Callable[..., Bench]
         motion, state, io = robot.ports
         content = dc.asdict(find_site("loopback"))
         content["controller"].update(motion_port=motion, state_port=state, io_port=io)
-        # Patient with a busy machine: what is tested here is no matter of milliseconds.
+        # Generous timeouts for a busy machine: milliseconds are not tested here.
         content["controller"].update(lead=0.4, late=0.3, hold_after=0.4, fault_after=0.9)
         content.update(site or {})
         path = tmp_path / "lab.site.yaml"
@@ -134,7 +134,7 @@ def bench_with(plan_file: Path, tmp_path: Path) -> Iterator[Callable[..., Bench]
 
 
 def after(process: subprocess.Popen[str], begins: str) -> None:
-    """Wait until the command has printed a line that begins so."""
+    """Wait until the command has printed a line with this beginning."""
     assert process.stdout is not None
     for line in process.stdout:
         if line.startswith(begins):
@@ -159,7 +159,7 @@ def test_a_plan_is_run_to_its_end(bench_with: Callable[..., Bench]) -> None:
     assert (err, code) == ("", 0)
     assert bench.hash in out and "smallest clearance" in out
     lag = re.search(r"lag +(\d+) ms from a command to its feedback", out)
-    assert lag is not None and 140 <= int(lag[1]) <= 190  # 150 ms, and what this machine adds
+    assert lag is not None and 140 <= int(lag[1]) <= 190  # 150 ms, plus the delay of this machine
     told = bench.robot.end()
     plan = FlatteningPlan.load(bench.plan)
     np.testing.assert_allclose(
@@ -190,7 +190,7 @@ def test_without_the_right_hash_nothing_moves(bench_with: Callable[..., Bench]) 
             ExecutionSession(options)
     code, _, err = bench.execute("--go")
     assert code == 2
-    assert "nobody confirmed" in err and err.count("\n") == 1
+    assert "was not confirmed" in err and err.count("\n") == 1
     assert bench.robot.end()["motion"] == 0
 
 
@@ -199,7 +199,7 @@ def test_a_robot_elsewhere_is_not_moved(bench_with: Callable[..., Bench]) -> Non
     code, out, err = bench.go()
     assert code == 4
     assert "FAIL" in out
-    assert "r2::joint_s by 50.00 mrad" in err and "r2::joint_s by -2.865 deg" in err
+    assert "r2::joint_s is off by 50.00 mrad" in err and "r2::joint_s by -2.865 deg" in err
     assert bench.robot.end()["motion"] == 0
     assert bench.records().events[-2].data["passed"] is False
 
@@ -253,7 +253,7 @@ def test_what_a_file_says_is_done(bench_with: Callable[..., Bench]) -> None:
     (bench.folder / "said").write_text("@1 hold\n@3 resume\n@3.3 speed 0.5\n@3.4 speed 7\n")
     code, out, err = bench.go("--speed", "0.3", "--commands", "said")
     assert (err, code) == ("", 0)
-    assert "held by the operator" in out and "refused: speed is 7" in out
+    assert "held by the operator" in out and "refused: the speed is 7" in out
     kinds = [event.kind for event in bench.records().events]
     assert {"hold", "held", "resume", "override"} <= set(kinds)
 
@@ -280,14 +280,14 @@ def test_commissioning_wants_a_key_and_a_slow_first_run(bench_with: Callable[...
     assert code == 4
     assert "COMMISSIONING" in out and "space bar" in out
     assert "stopped after no segment: stopped by the operator" in err
-    assert bench.robot.end()["points"] == 0  # nobody pressed the key
+    assert bench.robot.end()["points"] == 0  # the key was not pressed
 
 
 def test_a_missed_grasp_opens_and_stops(bench_with: Callable[..., Bench]) -> None:
     bench = bench_with(misses=1)
     code, _, err = bench.go("--speed", "0.5")
     assert code == 4
-    assert "the left gripper closed on nothing" in err and "both grippers are open" in err
+    assert "the left gripper closed without cloth" in err and "both grippers are open" in err
     assert bench.robot.end()["outputs"] == {"10010": 1, "10011": 1}
 
 

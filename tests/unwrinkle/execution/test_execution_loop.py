@@ -1,4 +1,4 @@
-"""The loop around the executor: what is said, pages, signals and exceptions; and the words themselves."""
+"""The loop around the executor: instructions, pages, signals and exceptions."""
 
 import os
 import signal
@@ -17,14 +17,14 @@ from unwrinkle.execution.controls import (
     parse_key,
 )
 from unwrinkle.execution.executor import DONE, STOPPED
-from unwrinkle.execution.loop import Interrupts, run_to_the_end
+from unwrinkle.execution.loop import StopSignals, run_to_the_end
 from unwrinkle.models.errors import InputError
 
 pytestmark = pytest.mark.alone
 
 
 class Script:
-    """Controls that say things at times of the clock."""
+    """Controls that return instructions at given times."""
 
     def __init__(self, bench: Any, said: dict[float, str]) -> None:
         self._bench, self._said = bench, dict(said)
@@ -36,7 +36,7 @@ class Script:
 
 
 class FakePage:
-    """A page that is closed at a time."""
+    """Page that is closed at a given time."""
 
     def __init__(self, closes: float) -> None:
         self._closes = closes
@@ -48,7 +48,7 @@ class FakePage:
 
 
 def looped(bench: Any, said: dict[float, str] | None = None, **options: object) -> list[str]:
-    """Run the loop to its end; what the operator read."""
+    """Run the loop to its end; return the displayed messages."""
     told: list[str] = []
 
     def sleep(time: float) -> None:
@@ -56,7 +56,7 @@ def looped(bench: Any, said: dict[float, str] | None = None, **options: object) 
         bench.now += time
         assert bench.now < 60.0
 
-    interrupts = options.pop("interrupts", None) or Interrupts()
+    interrupts = options.pop("interrupts", None) or StopSignals()
     run_to_the_end(
         bench.executor,
         Script(bench, said or {}),
@@ -73,7 +73,7 @@ def test_the_loop_does_what_is_said(bench: Any) -> None:
     told = looped(bench, {0.2: "speed 0.5", 0.4: "hold", 1.0: "resume", 1.2: "speed 3"})
     words = [call[0] for call in bench.driver.calls]
     assert words[:5] == ["override", "run", "override", "hold", "resume"]
-    assert any(text.startswith("refused: speed is 3") for text in told)
+    assert any(text.startswith("refused: the speed is 3") for text in told)
     assert told[-1] == "done" or told[-1].startswith("coming to rest")
 
 
@@ -95,7 +95,7 @@ def test_a_closed_page_holds_once(bench: Any) -> None:
 
 
 def test_a_signal_stops_it(bench: Any) -> None:
-    interrupts = Interrupts()
+    interrupts = StopSignals()
     interrupts.name, interrupts.number = "SIGTERM", 15
     looped(bench, interrupts=interrupts)
     assert bench.executor.result is not None
@@ -125,7 +125,7 @@ def test_a_terminal_that_is_gone_changes_nothing(bench: Any) -> None:
 
 def test_signals_are_noted_while_the_robot_may_move(bench: Any) -> None:
     before = signal.getsignal(signal.SIGTERM)
-    with Interrupts() as interrupts:
+    with StopSignals() as interrupts:
         with pytest.raises(SystemExit) as stop:
             signal.raise_signal(signal.SIGTERM)
         assert stop.value.code == 128 + signal.SIGTERM
@@ -174,7 +174,7 @@ def test_controls_come_from_a_file_or_a_named_pipe(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     with open_controls(str(tmp_path / "pipe")) as controls:
         assert list(controls.read()) == []
-        for word in ("hold", "resume"):  # whoever writes comes and goes
+        for word in ("hold", "resume"):  # each writer connects and disconnects
             with open(tmp_path / "pipe", "w") as writer:
                 writer.write(word + "\n")
             assert [said.word for said in controls.read()] == [word]

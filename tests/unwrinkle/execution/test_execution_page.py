@@ -1,4 +1,4 @@
-"""The live page of an execution: it shows the robot, takes buttons, and knows when it was closed."""
+"""The live page of an execution: it shows the robot, reads buttons, and detects when it is closed."""
 
 import base64
 import os
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.alone
 
 
 def browser(url: str) -> socket.socket:
-    """What Meshcat takes for a browser: an open websocket."""
+    """Open a websocket, which Meshcat counts as a browser."""
     place = urlparse(url)
     connection = socket.create_connection(("127.0.0.1", place.port or 80))
     key = base64.b64encode(os.urandom(16)).decode()

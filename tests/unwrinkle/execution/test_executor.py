@@ -31,7 +31,7 @@ def test_segments_and_grippers_in_order(bench: Any) -> None:
 
 @pytest.mark.parametrize("off", [-4e-4, -1e-15, 0.0, 4e-16, 4e-4])
 def test_rounding_of_times_does_not_change_the_order(bench_of: Any, off: float) -> None:
-    # A clock of sums: the pull may end the last bit of a float after the event that follows it.
+    # Times are sums: the pull may end one rounding error after the event that follows it.
     bench = bench_of()
     first, pull, last = bench.plan.segments
     plan = dc.replace(bench.plan, segments=(first, dc.replace(pull, start=pull.start + off), last))
@@ -153,14 +153,14 @@ def test_a_driver_that_does_not_listen_ends_it(bench: Any) -> None:
     bench.driver.deaf = True
     bench.run()
     assert bench.executor.result is not None
-    assert "did not take approach" in bench.executor.result.reason
+    assert "did not accept approach" in bench.executor.result.reason
 
 
 def test_a_grasp_that_missed_opens_and_stops(bench: Any) -> None:
     bench.grippers.holding = (True, False)
     bench.run()
     assert bench.executor.result is not None
-    assert "the left gripper closed on nothing" in bench.executor.result.reason
+    assert "the left gripper closed without cloth" in bench.executor.result.reason
     assert "both grippers are open" in bench.executor.result.reason
     assert bench.grippers.commands == [(True, True), (False, False)]
     assert bench.driver.runs == ["approach"]
@@ -248,7 +248,7 @@ def test_a_dead_man_key_does_not_undo_the_operators_hold(bench_of: Any) -> None:
 
 
 class FullDisk(NoLog):
-    """A log that can be written until the pull begins."""
+    """Log that fails from the start of the pull."""
 
     def event(self, now: float, kind: str, text: str, **data: object) -> None:
         if text == "pull":

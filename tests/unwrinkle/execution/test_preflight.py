@@ -1,4 +1,4 @@
-"""Preflight: everything right passes; every single thing that is wrong is refused and named."""
+"""Preflight: a correct setup passes; each single fault is refused and named."""
 
 import dataclasses as dc
 import datetime
@@ -16,8 +16,8 @@ from unwrinkle.execution.preflight import (
     COMMISSIONING_BANNER,
     VIRTUAL_BANNER,
     Preflight,
-    last_look,
     preflight,
+    recheck,
 )
 from unwrinkle.hardware.controller_state import (
     FAULT,
@@ -57,7 +57,7 @@ def real_plan(cell: Cell) -> FlatteningPlan:
 
 @pytest.fixture
 def look(cell: Cell, real_plan: FlatteningPlan, tmp_path: Path) -> Callable[..., Preflight]:
-    """Preflight with one thing changed."""
+    """Return a function that runs the preflight with one change."""
 
     def run(axis: dict[int, float] | None = None, **changes: object) -> Preflight:
         q = np.zeros(13)
@@ -101,7 +101,7 @@ def test_everything_right_passes(look: Callable[..., Preflight]) -> None:
         (None, "controller", "not connected"),
         (DriverStatus(FAULT, robot=PLAY, reason="an e-stop"), "controller", "an e-stop"),
         (DriverStatus(RUNNING, robot=PLAY), "controller", "running, not ready"),
-        (DriverStatus(READY), "robot", "no status"),
+        (DriverStatus(READY), "robot", "status has not arrived"),
         (DriverStatus(READY, robot=dc.replace(PLAY, e_stopped=1)), "robot", "emergency stop"),
         (DriverStatus(READY, robot=dc.replace(PLAY, mode=1)), "robot", "teach mode"),
         (DriverStatus(READY, robot=dc.replace(PLAY, in_error=1)), "robot", "alarm"),
@@ -129,7 +129,7 @@ def test_a_start_in_collision_names_the_pair_and_a_way_out(look: Callable[..., P
     assert failed(found) == ["posture", "start"]
     text = found.check("posture").text
     assert "r1::link_5 and t2::desk" in text
-    assert "jog it" in text and "pendant" in text
+    assert "jog it home" in text and "pendant" in text
 
 
 def test_a_small_way_out_is_named_and_is_one(cell: Cell) -> None:
@@ -141,7 +141,7 @@ def test_a_small_way_out_is_named_and_is_one(cell: Cell) -> None:
         bad = check_posture(cell, middle, (False, False)).problems
         low, high = (low, middle) if bad else (middle, high)
     text = escape(cell, high, (False, False))
-    name, _, degrees = text.split("for instance ")[1].split(" deg")[0].rpartition(" by ")
+    name, _, degrees = text.split("e.g. ")[1].split(" deg")[0].rpartition(" by ")
     high[cell.robot.axes.index(name)] += np.radians(float(degrees))
     assert not check_posture(cell, high, (False, False)).problems
 
@@ -156,7 +156,7 @@ def test_a_start_away_from_the_plans(look: Callable[..., Preflight]) -> None:
     assert look(axis={7: 0.00029}).passed
     found = look(axis={7: 0.0005})  # half a milliradian on S: 41 pulses, the controller takes 30
     assert failed(found) == ["start"]
-    assert "r2::joint_s by 0.50 mrad, at most 0.30 mrad" in found.check("start").text
+    assert "r2::joint_s is off by 0.50 mrad, at most 0.30 mrad" in found.check("start").text
     assert "r2::joint_s by -0.029 deg" in found.check("start").text
 
 
@@ -236,7 +236,7 @@ def test_commissioning_doubles_the_clearances(
     assert near is not None
     pairs = [dc.replace(pair, distance=0.025) for pair in near.clearances if pair.kind == "arm-arm"]
     pair = pairs[0] if pairs else dc.replace(near.clearances[0], kind="arm-arm", distance=0.05)
-    with pytest.raises(InputError, match="60 mm are kept"):
+    with pytest.raises(InputError, match="60 mm are required"):
         check_margins(dc.replace(near, clearances=(pair,)), load_cell(), site)
 
 
@@ -305,11 +305,11 @@ def test_a_last_look_sees_what_changed(
     good = DriverStatus(READY, robot=PLAY)
     here = JointFeedback(np.zeros(13), np.zeros(13), 20.0)
     away = JointFeedback(np.full(13, 0.01), np.zeros(13), 20.0)
-    assert last_look(found, real_plan, cell, site, here, good, 20.01) == ""
-    assert "stands away" in last_look(found, real_plan, cell, site, away, good, 20.01)
-    assert "old" in last_look(found, real_plan, cell, site, here, good, 20.5)
+    assert recheck(found, real_plan, cell, site, here, good, 20.01) == ""
+    assert "not at the plan's start" in recheck(found, real_plan, cell, site, away, good, 20.01)
+    assert "old" in recheck(found, real_plan, cell, site, here, good, 20.5)
     bad = look(status=None)
-    assert "not connected" in last_look(bad, real_plan, cell, site, here, good, 20.01)
+    assert "not connected" in recheck(bad, real_plan, cell, site, here, good, 20.01)
 
 
 def test_finished_runs_survive_damage(tmp_path: Path) -> None:

@@ -109,8 +109,8 @@ def test_page_of_a_killed_run_shows_what_is_there(synthetic_run: Any, tmp_path: 
     [
         ("range_map.npz", "no range map was made"),
         ("analysis.json", "No analysis was made."),
-        ("left.png", "what the camera saw"),
-        ("head.yaml", "what the camera saw"),
+        ("left.png", "image of the camera"),
+        ("head.yaml", "image of the camera"),
         ("plan.npz", "verdict"),
         ("action.json", "not finished"),
     ],
@@ -147,7 +147,7 @@ def test_page_of_a_run_without_looks_and_of_a_look_without_files(tmp_path: Path)
 
 
 def _hill(x: float, y: float, *, colour: bool = False) -> RangeMap:
-    """A table of 0.4 m with a garment all over, flat but for a hill."""
+    """Return a map of 0.4 m covered by a garment that is flat except for a hill."""
     cells = 0.002 * np.arange(201) - 0.2
     far = (cells[None, :] - x) ** 2 + (cells[:, None] - 1.1 - y) ** 2
     on = np.ones((201, 201), dtype=bool)
@@ -165,7 +165,7 @@ def _decoded(picture: Picture) -> np.ndarray:
 
 
 def test_pictures_are_seen_from_the_robot() -> None:
-    """World x points left and y down; the hill is where it is projected to, in both pictures."""
+    """World x points left and y down; the hill is at its projection in both pictures."""
     hill = _hill(0.1, -1.15, colour=True)
     top = np.array([[0.1, -1.15]])
     window = Window.around([hill])
@@ -185,7 +185,7 @@ def test_pictures_are_seen_from_the_robot() -> None:
     found = np.argwhere(red).mean(axis=0)[::-1]
     np.testing.assert_allclose(found, [u, v], atol=2.0)
     assert seen_from_above(_hill(0.0, -1.1), window) is None
-    assert 0.015 < top_height([hill]) < 0.03  # not the peak: a few wild cells may be higher
+    assert 0.015 < top_height([hill]) < 0.03  # not the peak: a few outliers may be higher
     astray = dc.replace(hill, origin=hill.origin + 0.3)
     assert Window.around([hill, astray, hill]) == window
     with pytest.raises(InputError, match="none has a garment"):
@@ -193,7 +193,7 @@ def test_pictures_are_seen_from_the_robot() -> None:
 
 
 def test_marks_lie_on_the_cameras_picture_where_the_wrinkle_is(tmp_path: Path) -> None:
-    """A white spot where the head sees a point of the world; the ridge line through that point ends on it."""
+    """The ridge line through a world point ends on the white spot at the point's projection."""
     head = nominal_head()
     gaze = head.gaze_at(np.array([0.0, -1.1, 0.7]))
     camera, scale = head.left.camera, 0.25
@@ -214,7 +214,7 @@ def test_marks_lie_on_the_cameras_picture_where_the_wrinkle_is(tmp_path: Path) -
     assert picture.width == WIDTH
     look.save_pair(image, image, dc.replace(Gaze(), left_pan=np.deg2rad(40.0)))
     elsewhere = camera_picture(look, Window(-0.3, 0.3, -1.4, -0.8), 0.7, None)
-    assert elsewhere.width == WIDTH  # the table is out of sight
+    assert elsewhere.width == WIDTH  # the table is outside the image
 
 
 def test_marks_number_the_wrinkles_and_skip_what_is_empty(run: RunFolder) -> None:
@@ -222,7 +222,7 @@ def test_marks_number_the_wrinkles_and_skip_what_is_empty(run: RunFolder) -> Non
     window = Window(-0.3, 0.3, -1.4, -0.8)
     marks = analysis_marks(data, window.project)
     assert re.findall(r">(\d)</text>", marks) == ["3", "2", "1"]
-    assert marks.count("<polygon") == 4  # two ways in, two pulls
+    assert marks.count("<polygon") == 4  # two approaches, two pulls
     only = analysis_marks(data, window.project, only_target=True)
     assert (only.count("<polyline"), only.count("<text")) == (2, 0)
     assert analysis_marks({"wrinkles": [{"curve": []}]}, window.project) == ""
@@ -248,7 +248,7 @@ def test_line_chart_places_values_and_leaves_gaps() -> None:
     assert len(places) == 2
     (x0, y0), (x2, y2) = places
     assert x0 < x2
-    assert y0 < y2  # higher values stand higher
+    assert y0 < y2  # higher values are drawn higher
     line = float(re.findall(r'y1="([\d.]+)"[^>]*stroke="#1b8a3c"', chart)[0])
     assert line == pytest.approx(y2, abs=0.1)
     assert ">true</text>" in chart

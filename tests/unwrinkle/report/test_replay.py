@@ -1,4 +1,4 @@
-"""The replay page of a run: its tracks say what was recorded, and a browser plays them."""
+"""Replay page of a run: its tracks equal the record, and a browser plays them."""
 
 import base64
 import dataclasses as dc
@@ -53,14 +53,14 @@ def _data(page: str) -> dict[str, Any]:
 
 
 def _unpacked(text: str, columns: int) -> NDArray[np.uint16]:
-    """As the page's script does it."""
+    """Unpack a track as the page's script does."""
     planes = np.frombuffer(zlib.decompress(base64.b64decode(text)), dtype=np.uint8)
     low, high = planes.reshape(2, -1).astype(np.uint16)
     return np.cumsum((low | (high << 8)).reshape(-1, columns), axis=0, dtype=np.uint16)
 
 
 def _waving(frames: int = 40, nodes: int = 6, step: float = 0.1) -> MotionRecord:
-    """Half of the time nothing moves, then arms and cloth do."""
+    """Return a motion with rest in its first half; then arms and cloth move."""
     times = 5.0 + step * np.arange(frames)
     share = np.maximum(np.arange(frames) / frames - 0.5, 0.0)
     axes = share[:, None] * np.linspace(-0.4, 0.5, 13)
@@ -277,7 +277,7 @@ def test_replay_of_a_run_without_looks_is_refused(cell: Cell, tmp_path: Path) ->
 def test_five_actions_with_fine_cloth_stay_under_ten_megabytes(
     synthetic_run: Any, cell: Cell, tmp_path: Path
 ) -> None:
-    """Every vertex of 80 x 80 moves on its own all the time, which is more than cloth does."""
+    """Every vertex of 80 x 80 moves independently all the time: the worst case."""
     run = synthetic_run.write(tmp_path / "long", nodes=80, status="running")
     motion, rng = run.look(0).motion(), np.random.default_rng(0)
     wild = motion.cloth_frames + rng.normal(0.0, 0.004, motion.cloth_frames.shape)

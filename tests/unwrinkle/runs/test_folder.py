@@ -1,4 +1,4 @@
-"""A run's folder: what is written can be read, whenever and however the run ends."""
+"""Folder of a run: written files are readable, however the run ends."""
 
 import dataclasses as dc
 import errno
@@ -77,7 +77,7 @@ def test_a_run_is_read_as_it_was_written(run: RunFolder) -> None:
     assert (ended.status, ended.reason) == ("flat", "all is smooth")
     assert ended.figures == {"coverage": 0.99}
     assert ended.record["finished"] >= ended.record["created"]
-    ended.go_on()
+    ended.resume()
     assert RunFolder.open(run.path).status == "running"
     assert RunFolder.open(run.path).record["finished"] is None
 
@@ -94,11 +94,11 @@ def test_a_run_is_not_made_over_another_or_over_a_file(run: RunFolder, tmp_path:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (None, "is no run, run.json is missing"),
+        (None, "run.json is missing"),
         ("{", "cannot be read as JSON"),
         ("[]", "holds no JSON object"),
         ('{"format": "other"}', "is no run of version 1"),
-        ('{"format": "unwrinkle.run", "version": 1, "status": "odd"}', "its status or its figures"),
+        ('{"format": "unwrinkle.run", "version": 1, "status": "odd"}', "the status or the figures"),
         (
             '{"format": "unwrinkle.run", "version": 1, "status": "flat", "figures": {}, "settings": {}}',
             "garment, texture, .* missing",
@@ -123,7 +123,7 @@ def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("status", "figures", "message"),
-    [("odd", {}, "one of running, flat"), ("flat", {"x": np.nan}, r"run\.json")],
+    [("odd", {}, "known are running, flat"), ("flat", {"x": np.nan}, r"run\.json")],
 )
 def test_finish_refuses_what_cannot_be_written(
     run: RunFolder, status: str, figures: dict[str, float], message: str
@@ -247,14 +247,14 @@ def test_missing_and_damaged_files_of_a_look_are_named(run: RunFolder) -> None:
     for name in set(reads) - {"verdict.json"}:
         with pytest.raises(InputError, match=name):
             reads[name]()
-    with pytest.raises(InputError, match="looks are counted from 0"):
+    with pytest.raises(InputError, match="looks are numbered from 0"):
         run.look(-1)
 
 
 def test_action_and_motion_refuse_nonsense(run: RunFolder, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is look 1, the record is of 0"):
+    with pytest.raises(InputError, match="is look 1, but the record is of look 0"):
         run.look(1).save_action(ActionRecord(0, "done"))
-    with pytest.raises(InputError, match="memory has no form in JSON"):
+    with pytest.raises(InputError, match="memory cannot be written as JSON"):
         run.look(0).save_action(ActionRecord(0, "done", memory=object()))
     with pytest.raises(InputError, match=r"seconds\.render is nan"):
         ActionRecord(0, "done", seconds={"render": np.nan})
@@ -265,7 +265,7 @@ def test_action_and_motion_refuse_nonsense(run: RunFolder, tmp_path: Path) -> No
     good = _motion()
     with pytest.raises(InputError, match="openings has shape"):
         dc.replace(good, openings=np.zeros((3, 2)))
-    with pytest.raises(InputError, match="frame_times run backwards"):
+    with pytest.raises(InputError, match="frame_times decrease"):
         dc.replace(good, frame_times=[1.0, 0.5, 2.0])
     bad = np.array(good.measured)
     bad[2, 3] = np.nan
@@ -280,7 +280,7 @@ def test_action_and_motion_refuse_nonsense(run: RunFolder, tmp_path: Path) -> No
 def test_cloth_mesh_is_kept_and_checked(run: RunFolder) -> None:
     with pytest.raises(InputError, match=r"cloth\.npz"):
         run.cloth()
-    with pytest.raises(InputError, match="do not fit"):
+    with pytest.raises(InputError, match="do not match"):
         run.save_cloth(np.array([[0, 1, 3]]), np.zeros((3, 2)))
     run.save_cloth(np.array([[0, 1, 2]]), np.eye(3)[:, :2])
     triangles, rest = run.cloth()
@@ -304,7 +304,7 @@ def test_a_full_disk_names_the_file_and_leaves_the_run_readable(
     real = Path.open
 
     class Full:
-        """A stream that takes half of what is written, as a disk that fills up does."""
+        """Stream that writes half of the data, like a disk that becomes full."""
 
         def __init__(self, stream: IO[Any]) -> None:
             self._stream = stream

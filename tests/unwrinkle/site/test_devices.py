@@ -1,4 +1,4 @@
-"""What `unwrinkle site check` finds of units, cameras and grippers: really asked, and nothing told to move."""
+"""`unwrinkle site check` on units, cameras and grippers: they are queried, and nothing moves."""
 
 import dataclasses as dc
 import sys
@@ -69,7 +69,7 @@ def test_a_unit_says_step_limits_and_position(background: Any) -> None:
     site = PanTiltSite(reply_timeout=2.0)
     text = check_unit(port.device, site, "left", None, CLOCK, SLEEP)
     assert port.device in text
-    assert "pan at 0.00 deg of -158.9 to 158.9, 185.14 seconds of arc a position" in text
+    assert "pan at 0.00 deg of -158.9 to 158.9, 185.14 seconds of arc per step" in text
     assert "tilt at 0.00 deg of -46.6 to 31.1" in text
     moving = [c for c in unit.commands if c[:2] in ("PP", "TP", "PO", "TO") and len(c) > 2]
     assert moving == [] and unit.commands
@@ -85,7 +85,7 @@ def test_a_unit_says_step_limits_and_position(background: Any) -> None:
 def test_a_folder_tells_which_pair_would_be_next(tmp_path: Path) -> None:
     site = pictures(tmp_path, "left1.png", "right1.png", "left2.png", "right2.png")
     text = check_cameras(site)
-    assert "2 pairs, next would be left1.png and right1.png of 40 x 30 pixels" in text
+    assert "2 pairs, the next is left1.png and right1.png of 40 x 30 pixels" in text
     assert check_cameras(site) == text  # nothing was taken from it
 
 
@@ -101,13 +101,15 @@ def test_pairs_that_cannot_be_used_are_named(tmp_path: Path) -> None:
         check_cameras(site)
     with pytest.raises(InputError, match=r"needs cameras\.folder"):
         check_cameras(dc.replace(site, folder=""))
-    assert check_cameras(CameraSite()) == "this site has none"
+    assert check_cameras(CameraSite()) == "this site has no cameras"
 
 
 def test_pictures_have_to_be_of_the_calibrated_size(tmp_path: Path) -> None:
     head = nominal_calibration().stereo_head()
     site = pictures(tmp_path, "left1.png", "right1.png")
-    with pytest.raises(HardwareError, match=r"of 40 x 30 pixels, but the left eye is calibrated"):
+    with pytest.raises(
+        HardwareError, match=r"of 40 x 30 pixels, but the left camera is calibrated"
+    ):
         check_cameras(site, head)
     camera = head.left.camera
     pictures(tmp_path, "left1.png", "right1.png", shape=(camera.height // 8, camera.width // 8))
@@ -122,7 +124,7 @@ def test_a_watched_folder_waits_for_a_pair_and_tells_its_skew(
             pictures(tmp_path, "left.png", "right.png")
 
     site = CameraSite("watch", folder=str(tmp_path), timeout=0.3, attempts=1)
-    with pytest.raises(HardwareError, match=r"0\.3 s; release both cameras while this check waits"):
+    with pytest.raises(HardwareError, match=r"0\.3 s; release both cameras during this check"):
         check_cameras(site)
     background(write)
     text = check_cameras(dc.replace(site, timeout=10.0))
@@ -131,7 +133,7 @@ def test_a_watched_folder_waits_for_a_pair_and_tells_its_skew(
 
 
 class Device:
-    """As much of cv2.VideoCapture as is used; device 9 is not there."""
+    """Fake of cv2.VideoCapture; device 9 is missing."""
 
     def __init__(self, source: str) -> None:
         self.there = source != "9"
@@ -189,14 +191,14 @@ def test_an_exposure_has_an_end() -> None:
 
 @pytest.fixture
 def far_bus() -> Iterator[can.BusABC]:
-    """The grippers' end of a virtual bus; closed after the threads that poll it have ended."""
+    """Yield the grippers' end of a virtual bus; it is closed after the polling threads."""
     with can.Bus(interface="virtual", channel=f"check {next(_CHANNELS)}") as bus:
         yield bus
 
 
 @pytest.fixture
 def grippers(far_bus: Any, background: Any) -> tuple[GripperSite, VirtualCanGrippers]:
-    """Virtual grippers on a bus of their own, and their site."""
+    """Return virtual grippers on a separate bus, and their site."""
     site = GripperSite("can", interface="virtual", channel=far_bus.channel_id, timeout=5.0)
     virtual = VirtualCanGrippers(far_bus)
     background(virtual.poll)
@@ -216,10 +218,12 @@ def test_can_grippers_that_are_wrong(
     grippers: tuple[GripperSite, VirtualCanGrippers],
 ) -> None:
     site, virtual = grippers
-    with pytest.raises(HardwareError, match=r"right gripper \(limb 7\) does not answer; check its"):
+    with pytest.raises(
+        HardwareError, match=r"right gripper \(limb 7\) does not answer; check the power supply"
+    ):
         check_can_grippers(dc.replace(site, limbs=[7, 0], timeout=0.3), CLOCK, SLEEP)
     virtual.faults.add("uncalibrated")
-    with pytest.raises(HardwareError, match="left gripper does not know its position"):
+    with pytest.raises(HardwareError, match="left gripper is not calibrated"):
         check_can_grippers(site, CLOCK, SLEEP)
     virtual.faults.add("silent")
     with pytest.raises(

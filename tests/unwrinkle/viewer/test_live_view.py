@@ -1,4 +1,4 @@
-"""The loop's live view: shows what it is given, sends nothing twice, and is cheap."""
+"""Live view of the loop: it shows its inputs, sends nothing twice, and needs little CPU time."""
 
 import time
 from pathlib import Path
@@ -15,7 +15,7 @@ from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.simulation.rendering.meshes import grid_triangles
 from unwrinkle.viewer.live_view import LiveView, shaded
 from unwrinkle.viewer.scene import start_meshcat
-from unwrinkle.viewer.text_panel import picture_board
+from unwrinkle.viewer.text_panel import picture_panel
 
 pytestmark = pytest.mark.alone
 
@@ -125,14 +125,14 @@ def test_without_cloth_only_the_robot_is_shown(cell: Cell, meshcat: Any) -> None
 
 
 def test_triangles_of_another_shape_are_refused(cell: Cell, meshcat: Any) -> None:
-    with pytest.raises(InputError, match=r"shape \(4, 2\), wanted \(m, 3\)"):
+    with pytest.raises(InputError, match=r"shape \(4, 2\); \(m, 3\) is required"):
         LiveView(cell, meshcat, np.zeros((4, 2), dtype=int))
 
 
 def test_large_pictures_become_small_boards(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     large = rng.integers(0, 255, (1500, 2000, 3), dtype=np.uint8)
-    board = picture_board(large, 0.5)
+    board = picture_panel(large, 0.5)
     text = board.source().in_memory().mesh_file.contents()
     assert b"data:image/jpeg;base64," in text
     assert len(text) < 500_000

@@ -1,4 +1,4 @@
-"""Where robot and grippers are at a time of the plan's clock."""
+"""Posture of robot and grippers at a time of the plan's clock."""
 
 import dataclasses as dc
 

@@ -36,7 +36,7 @@ def page(plan: FlatteningPlan, cell: Cell) -> str:
 
 
 def _payloads(page: str) -> list[bytes]:
-    """What the page sends to its viewer: packed commands."""
+    """Return the packed commands that the page sends to its viewer."""
     found = re.findall(r'fetch\("data:application/octet-binary;base64,([^"]*)"', page)
     return [base64.b64decode(text) for text in found]
 
@@ -100,7 +100,7 @@ def test_page_is_self_contained(page: str) -> None:
     assert policy[1] == POLICY
     assert policy[1].startswith("default-src 'none';")
     assert not re.search(r"https?:|wss?:|\*", policy[1])
-    # The policy stands before everything that could load something.
+    # The policy precedes everything that could load something.
     assert page.index(POLICY) < page.index("<script")
     assert re.findall(r"<script[^>]*\ssrc=|<link\b|@import|<iframe", page.split("</head>")[0]) == []
     panel = page[page.index('<div id="panel">') :]
@@ -160,7 +160,7 @@ def test_failed_plan_is_marked_and_its_reasons_are_text(plan: FlatteningPlan, ce
     summary = PreviewSummary(False, None, lines=lines)
     page = preview_page(dc.replace(plan, note="one <arm>"), cell, summary)
     panel = page[page.index('<div id="panel">') :]
-    assert '<p class="verdict fail"><b>not verified</b>' in panel
+    assert '<p class="verdict fail"><b>NOT verified</b>' in panel
     assert "velocity &lt;b&gt;high&lt;/b&gt;" in panel
     assert "reason 6" in panel
     assert "reason 7" not in panel
@@ -201,7 +201,7 @@ def test_summary_of_a_verdict() -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="no Chromium here")
 def test_page_opens_in_a_browser_at_the_time_asked_for(page: str, tmp_path: Path) -> None:
-    """The scripts run under the page's own policy: panel, labels and robot stand at `at`."""
+    """The scripts run under the page's own policy: panel, labels and robot are at the time `at`."""
     path = tmp_path / "preview.html"
     path.write_text(page, encoding="utf-8")
     command = ["chromium", "--headless=new", "--no-sandbox", "--disable-dev-shm-usage"]
@@ -226,7 +226,7 @@ def test_page_opens_in_a_browser_at_the_time_asked_for(page: str, tmp_path: Path
 
 
 def _click(meshcat: Any, name: str) -> None:
-    """What the browser sends for a click, as msgpack."""
+    """Return the message of a click, as msgpack."""
     text = name.encode()
     message = b"\x82\xa4type\xa6button\xa4name\xd9" + bytes([len(text)]) + text
     meshcat._InjectWebsocketMessage(message=message)
@@ -238,7 +238,7 @@ def test_live_controls(plan: FlatteningPlan, cell: Cell) -> None:
     names = list(meshcat.GetButtonNames())
     assert f"plan {plan.content_hash[:12]}: verified" in names
     assert "smallest clearance 21.3 mm, r1::link_5 – r2::link_5, at 1.23 s" in names
-    assert meshcat.HasPath("plan/board")
+    assert meshcat.HasPath("plan/text panel")
 
     assert live.update(0.5) == pytest.approx(0.5)  # it opens playing
     meshcat.SetSliderValue("speed", 0.5)
@@ -253,7 +253,7 @@ def test_live_controls(plan: FlatteningPlan, cell: Cell) -> None:
     _click(meshcat, "play / pause")
     meshcat.SetSliderValue("speed", 1.0)
     assert live.update(4.0) == pytest.approx(4.25)
-    assert live.update(4.0) == 0.0  # from the start again
+    assert live.update(4.0) == 0.0  # it restarts
 
 
 def test_live_ends_when_told(plan: FlatteningPlan, cell: Cell) -> None:

@@ -1,4 +1,4 @@
-"""The viewer's life."""
+"""Start and end of the viewer."""
 
 import subprocess
 import sys
@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def test_viewers_end_whatever_drake_logs(tmp_path: Path) -> None:
-    """Regression: with Drake's logger at DEBUG a Meshcat's destructor waited for its thread for ever."""
+    """Regression: with Drake's logger at DEBUG, Meshcat's destructor deadlocked with its thread."""
     script = (
         "import logging, pydrake.geometry\n"
         "from unwrinkle.viewer.scene import start_meshcat\n"

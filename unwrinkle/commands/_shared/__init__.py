@@ -1,1 +1,1 @@
-"""Options and steps that commands share."""
+"""Options and steps shared by several commands."""

@@ -1,4 +1,4 @@
-"""Options and steps that every command on a capture shares."""
+"""Options and steps shared by the commands that read a capture."""
 
 import shutil
 import tempfile
@@ -24,30 +24,30 @@ CaptureArgument = Annotated[
     list[Path],
     typer.Argument(
         metavar="DEPTH | LEFT RIGHT",
-        help="Depth: .png (mm), .npy, .npz; or the images of the left and the right eye.",
+        help="Depth: .png (mm), .npy, .npz; or the left and the right image of a pair.",
     ),
 ]
 HeadOption = Annotated[
-    Path | None, typer.Option(help="Of a pair: head.yaml, the angles it was taken at.")
+    Path | None, typer.Option(help="For a pair: head.yaml with the head's angles.")
 ]
 CameraOption = Annotated[
-    str | None, typer.Option(help="A camera's name or YAML; e.g. xtion-pro-live.")
+    str | None, typer.Option(help="Name or YAML file of a camera; e.g. xtion-pro-live.")
 ]
 ColourOption = Annotated[
     Path | None, typer.Option(help="Colour image; found beside UC3M and CTU captures.")
 ]
 RegisteredOption = Annotated[
-    bool | None, typer.Option(help="Colour has the pixels of depth (default: by the file).")
+    bool | None, typer.Option(help="Whether colour has the pixels of depth [by the file].")
 ]
 PoseOption = Annotated[
-    Path | None, typer.Option(help="YAML of the camera's pose X_WC: translation, rotation.")
+    Path | None, typer.Option(help="YAML file of the camera's pose X_WC: translation, rotation.")
 ]
 YawOption = Annotated[
-    float, typer.Option(help="Without a pose: turn of the garment about the vertical, degrees.")
+    float, typer.Option(help="Without a pose: rotation of the garment about the vertical, degrees.")
 ]
 SensorOption = Annotated[
     str | None,
-    typer.Option(help="Noise profile: stereo, stereo-head, xtion, tof (default: the camera's)."),
+    typer.Option(help="Noise profile: stereo, stereo-head, xtion, tof [the camera's]."),
 ]
 ModeOption = Annotated[
     str | None,
@@ -56,20 +56,21 @@ ModeOption = Annotated[
 OutOption = Annotated[
     Path | None, typer.Option(help="Folder for the results [out/<name of the capture>].")
 ]
-SeedOption = Annotated[int, typer.Option(min=0, help="Of every random choice.")]
+SeedOption = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
 PicturesOption = Annotated[bool, typer.Option(help="Draw the pictures.")]
 ScenarioOption = Annotated[
-    Path | None, typer.Option(help="The cell, a *.scenario.yaml; the shipped one if left out.")
+    Path | None, typer.Option(help="Scenario file *.scenario.yaml; the shipped one if left out.")
 ]
 
+#: Maximum number of wrinkles in the printed table.
 _LISTED = 12
-#: Share of the garment beyond the table's edge that is worth a note.
+#: Share of the garment beyond the table's edge above which a note is printed.
 _OVERHANG = 0.02
 
 
 @dataclass(frozen=True)
 class CaptureOptions:
-    """What the user said of a capture; see the options above."""
+    """Options of a capture; see the option types above."""
 
     files: tuple[Path, ...]
     head: Path | None = None
@@ -86,39 +87,45 @@ class CaptureOptions:
         """Refuse options that contradict each other.
 
         Raises:
-            InputError: naming them.
+            InputError: with the names of the options.
         """
         count = len(self.files)
         if count > 2:
-            raise InputError(f"{count} files given; wanted one depth file or two images of a pair")
+            raise InputError(
+                f"{count} files were given; give one depth file or the two images of a pair"
+            )
         if count == 2 and self.head is None:
-            raise InputError("two images need --head head.yaml, the angles they were taken at")
+            raise InputError(
+                "two images were given without the head's angles; add --head head.yaml"
+            )
         if count == 1 and self.head is not None:
-            raise InputError("--head goes with two images, LEFT and RIGHT; one file was given")
+            raise InputError("--head is for the two images LEFT and RIGHT; one file was given")
         of_depth = ("camera", "colour", "registered", "pose")
         wrong = [name for name in of_depth if getattr(self, name) is not None]
         if self.yaw:
             wrong.append("yaw")
         if count == 2 and wrong:
             options = ", ".join(f"--{name}" for name in wrong)
-            raise InputError(f"{options}: not with two images, whose head.yaml says it all")
+            raise InputError(
+                f"{options}: not allowed with two images; head.yaml contains this data"
+            )
 
     @property
     def name(self) -> str:
-        """What the capture is called in titles and files."""
+        """Return the capture's name for titles and files."""
         return " + ".join(path.name for path in self.files)
 
     @property
     def folder(self) -> Path:
-        """Where results go unless the user says otherwise."""
+        """Return the default folder of the results."""
         return Path("out") / self.files[0].stem
 
 
 def flattener_for(options: CaptureOptions, cell: "Cell") -> "Flattener":
-    """Return the flattener of a cell with the user's choices of sensor and Eq. 5.
+    """Return the flattener of a cell with the user's sensor and reading of Eq. 5.
 
     Raises:
-        InputError: an unknown sensor or mode.
+        InputError: the sensor or mode is unknown.
     """
     import dataclasses as dc
 
@@ -167,7 +174,7 @@ def save_analysis(
     pictures: bool,
     singles: bool = False,
 ) -> None:
-    """Write the range map, analysis.json and, if wanted, the panel of pictures and each one singly."""
+    """Write the range map, analysis.json and optionally the pictures."""
     from unwrinkle.models.io.files import write_json
 
     analysis = observation.analysis
@@ -203,7 +210,7 @@ def _report(
 def print_wrinkles(
     console: "Console", analysis: "Analysis", chosen: "Choice | NoChoice | None"
 ) -> None:
-    """Print the table of wrinkles, largest first; the one that is to be pulled has a star."""
+    """Print the table of wrinkles, largest first; a star marks the wrinkle to be pulled."""
     from math import atan2, degrees
 
     from rich.table import Table
@@ -237,16 +244,16 @@ def print_wrinkles(
         )
     hidden = len(analysis.wrinkles) - _LISTED
     if hidden > 0:
-        console.print(f"and {hidden} smaller ones, all in analysis.json")
+        console.print(f"and {hidden} smaller wrinkles, listed in analysis.json")
 
 
 @contextmanager
 def finished_folder(folder: Path, *, outdated: tuple[str, ...] = ()) -> Iterator[Path]:
-    """Give a temporary folder; its files replace those in the final one when all went well.
+    """Yield a temporary folder; on success its files replace those of the final folder.
 
     Args:
-        folder: the final one.
-        outdated: files of an earlier run that would contradict the new ones, and go.
+        folder: final folder.
+        outdated: files of an earlier run to delete, since they would contradict the new ones.
 
     Raises:
         InputError: the final folder cannot be made.
@@ -254,7 +261,7 @@ def finished_folder(folder: Path, *, outdated: tuple[str, ...] = ()) -> Iterator
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         if folder.exists() and not folder.is_dir():
-            raise InputError(f"{folder}: is a file; name a folder with --out")
+            raise InputError(f"{folder}: is a file; give the name of a folder with --out")
         work = Path(tempfile.mkdtemp(prefix=".unwrinkle-", dir=folder.parent))
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror})") from None

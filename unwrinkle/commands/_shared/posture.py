@@ -1,4 +1,4 @@
-"""Where the robot stands, as an option of commands."""
+"""Option for the posture that the robot starts from."""
 
 import math
 from typing import TYPE_CHECKING, Annotated
@@ -17,17 +17,17 @@ StartOption = Annotated[
     str | None,
     typer.Option(
         metavar="POSTURE",
-        help="Where the robot stands: a named state of the robot (ext_plus_90, say), or the angles of all axes in rad, "
-        "turn-table, right, left arm, with commas or blanks between them; home if left out.",
+        help="Posture of the robot: a named state (e.g. ext_plus_90), or the angles of all axes in "
+        "rad, turn-table, right arm, left arm, separated by commas or blanks; home if left out.",
     ),
 ]
 
 
 def posture(text: str, robot: "RobotDescription") -> "NDArray[np.float64]":
-    """A posture (13,) in rad from a name or from numbers.
+    """Return a posture (13,), rad, from a name or from numbers.
 
     Raises:
-        InputError: no such name, or not as many finite numbers as the robot has axes.
+        InputError: there is no such name, or the number of finite numbers is not that of the axes.
     """
     import numpy as np
 
@@ -40,7 +40,8 @@ def posture(text: str, robot: "RobotDescription") -> "NDArray[np.float64]":
         angles = []
     if len(angles) != len(robot.axes) or not all(math.isfinite(angle) for angle in angles):
         raise InputError(
-            f"--start '{text}': give one of {', '.join(robot.named_states)}, or {len(robot.axes)} finite "
-            "angles in rad with commas or blanks between them"
+            f"--start '{text}': give one of {', '.join(robot.named_states)}, or {len(robot.axes)} "
+            "finite "
+            "angles in rad, separated by commas or blanks"
         )
     return np.array(angles)

@@ -1,4 +1,4 @@
-"""A real depth camera behind the station's ports: one exposure for one command, at rest, and what can go wrong."""
+"""Depth camera behind the station's ports: one exposure per command, at rest, and faults."""
 
 import dataclasses as dc
 import threading
@@ -41,7 +41,7 @@ def depth_cell() -> Cell:
 
 
 class Table:
-    """The table as the camera over it sees it, with a fold on it; or what it is told to be."""
+    """Fake device: an image of the table with a fold, or a scripted image."""
 
     def __init__(self) -> None:
         self.frame: Frame = np.full((480, 640), 1100, np.uint16)
@@ -61,7 +61,7 @@ class Table:
 
 
 class Bench:
-    """The driver's system alone, on a clock that goes on only when told to."""
+    """The driver's system alone, on a clock that the test advances."""
 
     def __init__(self, cell: Cell, table: Table) -> None:
         self.system = DepthCameraDriverSystem(cell, OpenNi2Camera(SITE, table), period=0.025)
@@ -192,7 +192,7 @@ def site(depth_cell: Cell) -> Iterator[Site]:
 
 
 def _go_until(simulator: Any, done: Callable[[], bool]) -> None:
-    """Run at the pace of time until something is so."""
+    """Run in real time until a condition holds."""
     for _ in range(400):
         begin = time.monotonic()
         simulator.AdvanceTo(simulator.get_context().get_time() + 0.025)
