@@ -28,8 +28,8 @@ from unwrinkle.benchmarks._calibration_scene import (
 )
 from unwrinkle.benchmarks._data import TABLE, data_folder
 from unwrinkle.benchmarks.report import Progress
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.transforms import inverse, pose, transformed
 from unwrinkle.perception.calibration.boards import Board

@@ -18,7 +18,7 @@ from scipy.optimize import minimize
 
 from unwrinkle.benchmarks._data import data_folder
 from unwrinkle.benchmarks.report import Progress
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.perception.depth.range_mapping import load_capture, segment_capture
 from unwrinkle.perception.sensor import noise_profile

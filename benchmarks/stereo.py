@@ -15,7 +15,7 @@ from unwrinkle.benchmarks._stereo_methods import METHODS
 from unwrinkle.benchmarks._stereo_page import page, plotted
 from unwrinkle.benchmarks._stereo_real import figures
 from unwrinkle.benchmarks._stereo_scenes import Scene, cell_scene, near_scene
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.perception.height_grid import Grid
 from unwrinkle.perception.stereo.heights import heights_on_grid
 from unwrinkle.perception.stereo.matching import Disparity

@@ -1,1 +1,5 @@
 """Drivers of the robot's devices: controller, grippers, cameras, pan-tilt units."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

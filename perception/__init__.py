@@ -1,1 +1,5 @@
 """Perception: images and depth to range map, wrinkles and flattening target; no Drake."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError, load_yaml, models_dir
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.io.loader_yaml import load_yaml, models_dir
 
 #: Limits of a plausible field of view, degrees.
 _MAX_VIEW_DEG = 150.0

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Mask
+from unwrinkle.models.errors import InputError
 
 Points = NDArray[np.float64]
 Homography = NDArray[np.float64]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.archive import load_archive, save_archive
 
 _FORMAT = "unwrinkle.range_map"

@@ -3,7 +3,8 @@
 from dataclasses import dataclass, fields
 from math import inf, isfinite, sqrt
 
-from unwrinkle.models import InputError, load_yaml, models_dir
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.io.loader_yaml import load_yaml, models_dir
 
 _LENGTHS_POSITIVE = (
     "resolution",

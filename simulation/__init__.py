@@ -1,1 +1,5 @@
 """What stands in for the world: garments and wrinkle makers, cloth physics, rendered sensors."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,1 +1,5 @@
 """Drake LeafSystems, thin wrappers over the functions of the other folders, and their diagrams."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,1 +1,5 @@
 """Drivers of the head's cameras and of the depth camera."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,1 +1,5 @@
 """Reading and writing of files: typed YAML, archives of arrays, whole files or none."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

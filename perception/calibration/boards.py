@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.transforms import pose
 from unwrinkle.perception.camera import Camera
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.perception.calibration.boards import BoardView
 
 #: Least number of views.

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import yaml
 
-from unwrinkle.models import InputError, load_yaml
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.files import write_text
+from unwrinkle.models.io.loader_yaml import load_yaml
 from unwrinkle.models.transforms import PoseRecord
 from unwrinkle.perception.calibration.boards import Board, BoardView, NoBoard, find_board, load_grey
 from unwrinkle.perception.calibration.head import HeadView

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.transforms import inverse, pose
 from unwrinkle.perception.calibration.projection import crosses
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.transforms import inverse
 from unwrinkle.perception.calibration.boards import BoardView, board_pose
 from unwrinkle.perception.calibration.bundle_adjustment import Adjustment, adjust

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.transforms import PoseRecord, inverse
 from unwrinkle.perception.calibration.boards import Board, BoardView, board_pose
 from unwrinkle.perception.calibration.bundle_adjustment import Adjustment, adjust

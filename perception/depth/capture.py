@@ -17,9 +17,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError, load_yaml
-from unwrinkle.models.errors import InsufficientViewError
+from unwrinkle.models.errors import InputError, InsufficientViewError
 from unwrinkle.models.io.archive import archive_members, load_archive, save_archive
+from unwrinkle.models.io.loader_yaml import load_yaml
 from unwrinkle.models.transforms import PoseRecord, check_pose
 from unwrinkle.perception.camera import Camera, load_camera
 

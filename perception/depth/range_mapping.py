@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
-from unwrinkle.models.errors import InsufficientViewError
+from unwrinkle.models.errors import InputError, InsufficientViewError
 from unwrinkle.perception.depth.capture import DEFAULT_CAMERA, Capture, load_capture, save_capture
 from unwrinkle.perception.depth.segmentation import Segmentation, one_piece, segment
 from unwrinkle.perception.depth.table_plane import TableFit, fit_table

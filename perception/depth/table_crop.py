@@ -8,7 +8,7 @@ import dataclasses as dc
 
 import numpy as np
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.table import Table
 from unwrinkle.perception.depth.capture import Capture
 

@@ -1,1 +1,5 @@
 """Gaze of the stereo head: vergence, sub-pixel localization, visual search."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.perception.features import Homography, Points, Template, View, find, mapped, template
 
 #: Sides of the Lucas-Kanade windows, pixels; the larger one if the smaller has too little texture.

@@ -12,8 +12,8 @@ from math import atan, degrees, hypot, isfinite, radians
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.transforms import inverse, transformed
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.features import Points, Template, View, view

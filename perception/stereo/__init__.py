@@ -1,1 +1,5 @@
 """Stereo head: rectification, dense matching and range mapping of image pairs."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

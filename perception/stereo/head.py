@@ -11,8 +11,8 @@ from math import atan2, hypot, isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.transforms import inverse, pose, transformed, turn
 from unwrinkle.perception.camera import Camera
 

@@ -12,8 +12,9 @@ from pathlib import Path
 
 import yaml
 
-from unwrinkle.models import InputError, load_yaml, models_dir
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.files import write_text
+from unwrinkle.models.io.loader_yaml import load_yaml, models_dir
 from unwrinkle.models.limits import HeadLimits, load_limits
 from unwrinkle.models.scenario import resolve
 from unwrinkle.models.transforms import PoseRecord

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Image
+from unwrinkle.models.errors import InputError
 from unwrinkle.perception.stereo._kernels.confidence import confident_cells, disparity_sigma
 from unwrinkle.perception.stereo._kernels.refine import refine_disparity, scale_for
 from unwrinkle.perception.stereo._kernels.upsample import upsample_cells

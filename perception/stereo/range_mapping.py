@@ -8,9 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
-from unwrinkle.models.errors import InsufficientViewError
+from unwrinkle.models.errors import InputError, InsufficientViewError
 from unwrinkle.models.table import Table
 from unwrinkle.models.transforms import inverse, transformed
 from unwrinkle.perception.camera import Camera

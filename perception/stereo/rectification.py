@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.transforms import check_pose, inverse, pose, transformed
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.stereo._kernels.resample import Lattice, lattice, warp

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from unwrinkle.models import InputError
 from unwrinkle.models.choices import PullReading
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.table import Table
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import NoiseProfile, noise_profile

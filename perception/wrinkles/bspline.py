@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 
 #: Degree of the single surface: C4, so that the second derivative is smooth.
 DEGREE = 5

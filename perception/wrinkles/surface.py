@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Mask
+from unwrinkle.models.errors import InputError
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import NoiseProfile
 from unwrinkle.perception.wrinkles.bspline import TensorSpline, fit_spline

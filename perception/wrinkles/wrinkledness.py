@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.perception.sensor import NoiseProfile
 from unwrinkle.perception.wrinkles.surface import Surface
 

@@ -1,1 +1,5 @@
 """Search for a collision-free two-arm motion, and its assembly into a plan."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

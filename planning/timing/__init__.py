@@ -1,1 +1,5 @@
 """Time parameterisation: curved paths, straight joint lines, and the samples made of them."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

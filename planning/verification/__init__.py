@@ -1,1 +1,5 @@
 """Independent verification of a plan against the model of the cell."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,1 +1,5 @@
 """The virtual robot controller: a DX100 with MotoROS."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

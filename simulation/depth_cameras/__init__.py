@@ -1,1 +1,5 @@
 """Depth camera models: structured light and time of flight."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -7,7 +7,7 @@ function of the seed: the same command reproduces the same file.
 import sys
 from pathlib import Path
 
-from unwrinkle.models import models_dir
+from unwrinkle.models.io.loader_yaml import models_dir
 from unwrinkle.perception.camera import load_camera
 from unwrinkle.perception.depth.capture import Capture, save_capture
 from unwrinkle.simulation.rendering.synthetic_towel import capture_of, overhead_pose, wrinkled_towel

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.perception.range_map import RangeMap
 
 

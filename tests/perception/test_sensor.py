@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.perception.sensor import noise_profile, noise_profile_names
 
 

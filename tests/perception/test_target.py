@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.perception.target import (
     STRETCH_LIMIT,
     STRETCH_MARGIN,

@@ -1,1 +1,5 @@
 """Browser views of the cell, of plans and of live runs."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

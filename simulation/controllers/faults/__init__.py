@@ -1,1 +1,5 @@
 """Faults that can be injected into the virtual controller."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from unwrinkle.models import InputError, load_yaml
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.io.loader_yaml import load_yaml
 
 
 @dataclass

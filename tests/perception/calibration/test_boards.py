@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.transforms import pose, transformed
 from unwrinkle.perception.calibration.boards import (
     Board,

@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.transforms import inverse, pose, transformed
 from unwrinkle.perception.calibration._bundle_problem import BundleProblem
 from unwrinkle.perception.calibration.boards import Board, BoardView

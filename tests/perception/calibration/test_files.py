@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError, load_yaml
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.io.loader_yaml import load_yaml
 from unwrinkle.models.transforms import PoseRecord, pose
 from unwrinkle.perception.calibration.boards import Board, BoardView
 from unwrinkle.perception.calibration.files import (

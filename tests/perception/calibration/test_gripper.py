@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.transforms import inverse, pose, transformed
 from unwrinkle.perception.calibration.boards import Board, BoardView
 from unwrinkle.perception.calibration.gripper import calibrate_gripper_camera

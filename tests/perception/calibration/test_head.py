@@ -9,7 +9,7 @@ import pytest
 from unwrinkle.benchmarks._calibration_scene import true_head
 from unwrinkle.benchmarks.calibration import _BOARD as BOARD
 from unwrinkle.benchmarks.calibration import _Looks, corners_of
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.transforms import inverse
 from unwrinkle.perception.calibration.hand_eye import angle_between
 from unwrinkle.perception.calibration.head import HeadFit, HeadView, calibrate_head

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.transforms import inverse, pose, transformed
 from unwrinkle.perception.calibration.boards import Board, BoardView
 from unwrinkle.perception.calibration.files import find_board_pairs, find_pairs

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.perception.camera import Camera, load_camera
 from unwrinkle.perception.depth.range_mapping import Capture, load_capture, save_capture
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from unwrinkle.benchmarks._data import GARMENT_CENTRE, TABLE
-from unwrinkle.models import InputError
-from unwrinkle.models.errors import NoGarmentError
+from unwrinkle.models.errors import InputError, NoGarmentError
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.range_mapping import Capture, load_capture, range_map_from_capture
 from unwrinkle.perception.range_map import RangeMap

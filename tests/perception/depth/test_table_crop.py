@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.table import Table
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.capture import Capture

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.table_plane import fit_table
 from unwrinkle.perception.sensor import noise_profile

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Image
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.transforms import inverse, transformed, turn
 from unwrinkle.perception.features import Template, template, view
 from unwrinkle.perception.gaze.localization import NotSeen, Sighting

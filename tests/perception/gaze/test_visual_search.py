@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.perception.features import Template, mapped, template, view
 from unwrinkle.perception.gaze.visual_search import Instance, search
 

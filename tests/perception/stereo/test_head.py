@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import build_robot_diagram, load_cell, position_indices
 from unwrinkle.models.transforms import inverse, transformed
 from unwrinkle.perception.stereo.head import Gaze

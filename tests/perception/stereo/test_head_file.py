@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.perception.stereo.head import Gaze
 from unwrinkle.perception.stereo.head_file import (
     HeadAngles,

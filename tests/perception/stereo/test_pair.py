@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.perception.stereo.pair import StereoPair, load_pair
 
 SHAPE = (60, 90, 3)

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from unwrinkle.models import InputError
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.transforms import inverse, pose, transformed
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.stereo.rectification import Rectification, rectify

@@ -18,7 +18,7 @@ from unwrinkle.benchmarks.analysis import (
 from unwrinkle.flattening.flattener import Choice, NoChoice, choose
 from unwrinkle.flattening.observation import Observation
 from unwrinkle.flattening.policy import PolicyState, Stop, decide
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.perception.depth.range_mapping import load_capture, range_map_from_capture
 from unwrinkle.perception.sensor import noise_profile

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.perception.wrinkles.bspline import (
     PATCH_DEGREE,
     design_matrix,

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from unwrinkle.benchmarks.analysis import map_of
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import noise_profile
 from unwrinkle.perception.wrinkles.surface import (

@@ -6,8 +6,8 @@ import pytest
 
 from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.benchmarks.analysis import flat_map, map_of
-from unwrinkle.models import InputError
 from unwrinkle.models.choices import PullReading
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.table import Table
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.target import (

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.benchmarks.analysis import flat_map, map_of
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import noise_profile
 from unwrinkle.perception.wrinkles.analysis import analyse

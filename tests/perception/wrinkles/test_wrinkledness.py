@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from unwrinkle.benchmarks._data import GARMENT_CENTRE, TABLE
-from unwrinkle.models import InputError, models_dir
+from unwrinkle.models.errors import InputError
+from unwrinkle.models.io.loader_yaml import models_dir
 from unwrinkle.perception.depth.range_mapping import load_capture, range_map_from_capture
 from unwrinkle.perception.sensor import noise_profile
 from unwrinkle.perception.wrinkles.surface import fit_surface

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from unwrinkle.models import InputError
+from unwrinkle.models.errors import InputError
 from unwrinkle.perception.stereo.head_file import nominal_head
 from unwrinkle.simulation.devices.pan_tilt import VirtualPanTilt
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from unwrinkle import cli
-from unwrinkle.models import models_dir
+from unwrinkle.models.io.loader_yaml import models_dir
 from unwrinkle.perception.range_map import RangeMap
 
 TOWEL = models_dir() / "captures" / "towel.npz"

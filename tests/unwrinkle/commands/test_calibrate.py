@@ -20,8 +20,8 @@ from unwrinkle.benchmarks._calibration_scene import (
     scaled_head,
     true_head,
 )
-from unwrinkle.models import load_yaml
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.io.loader_yaml import load_yaml
 from unwrinkle.models.transforms import PoseRecord, inverse, pose, transformed
 from unwrinkle.perception.calibration.boards import Board
 from unwrinkle.perception.calibration.files import MountedCamera, load_stereo

@@ -1,0 +1,2 @@
+from .driver import PanTiltDriver as PanTiltDriver
+from .serial_port import SerialLink as SerialLink, open_serial as open_serial

@@ -1,0 +1,1 @@
+from .pinch import NoPinch as NoPinch, PinchPlan as PinchPlan, PinchPlanner as PinchPlanner

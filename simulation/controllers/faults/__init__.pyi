@@ -1,0 +1,2 @@
+from .feedback import FeedbackFaults as FeedbackFaults
+from .kinds import Faults as Faults, ServerFault as ServerFault

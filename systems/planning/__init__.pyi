@@ -1,0 +1,2 @@
+from .planner import PlannerSystem as PlannerSystem
+from .verification import VerificationSystem as VerificationSystem
