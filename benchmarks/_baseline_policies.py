@@ -2,14 +2,16 @@
 
 Each policy looks at a range map and says where one hand takes the garment and where to it goes:
 
-- `random`: pick a place on the garment, put it down within reach. As in the random policies of cloth smoothing
-  (D. Seita et al., "Deep imitation learning of sequential fabric smoothing from an algorithmic supervisor", IROS 2020),
-  with every grasp on the garment.
-- `contour`: the point of the outline that is farthest from the garment's centroid is pulled outwards. It would
-  always be the same corner; so a point that lies within 60 degrees of one of the last three pulls waits.
-- `wrinkledness`: the grasp point of A. Ramisa et al. (ICRA 2012; see perception/wrinkles/wrinkledness.py) is pulled away from
-  the garment's centroid. The paper grasps there and does not flatten: the pull is an addition. Of the rules tried on
-  bunched towels (away from the centroid or across the local ridge, 2 to 4 cm) this one is the best.
+- `random`: pick a place on the garment, put it down within reach. As in the random policies of
+  cloth smoothing (D. Seita et al., "Deep imitation learning of sequential fabric smoothing from an
+  algorithmic supervisor", IROS 2020), with every grasp on the garment.
+- `contour`: the point of the outline that is farthest from the garment's centroid is pulled
+  outwards. It would always be the same corner; so a point that lies within 60 degrees of one of the
+  last three pulls waits.
+- `wrinkledness`: the grasp point of A. Ramisa et al. (ICRA 2012; see
+  perception/wrinkles/wrinkledness.py) is pulled away from the garment's centroid. The paper grasps
+  there and does not flatten: the pull is an addition. Of the rules tried on bunched towels (away
+  from the centroid or across the local ridge, 2 to 4 cm) this one is the best.
 
 None of them knows the garment's outline, and none stops by itself.
 """

@@ -1,4 +1,7 @@
-"""What the boards' figures share: bars with intervals beside the published figure, and cloth before and after."""
+"""What the boards' figures share.
+
+Bars with intervals beside the published figure, and cloth before and after.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path

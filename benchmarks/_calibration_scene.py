@@ -1,4 +1,7 @@
-"""A head that is not quite the nominal one, and boards in front of it: what a calibration must find."""
+"""A head that is not quite the nominal one, and boards in front of it.
+
+What a calibration must find.
+"""
 
 import dataclasses
 from collections.abc import Callable, Sequence

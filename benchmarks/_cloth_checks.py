@@ -37,8 +37,8 @@ def cantilever(material: ClothMaterial, overhang: float, spacing: float = 0.003)
     """Peirce's test: a wide strip held at one end; tip and bending length, simulated and exact.
 
     The exact shape is the heavy elastica's, with the material's own moment (elastic and slipping).
-    Peirce's bending length is L (cos(t/2) / (8 tan t))^(1/3) with t the angle of the tip below the edge
-    (Peirce 1930; ASTM D1388).
+    Peirce's bending length is L (cos(t/2) / (8 tan t))^(1/3) with t the angle of the tip below the
+    edge (Peirce 1930; ASTM D1388).
     """
     nx, ny = round(overhang / spacing) + 2, round(0.20 / spacing)
     calm = material.changed(**_CALM)
@@ -46,7 +46,8 @@ def cantilever(material: ClothMaterial, overhang: float, spacing: float = 0.003)
     cloth = Cloth(patch(nx, ny, spacing), calm, AWAY, time_step=step, clamped=range(2 * ny))
     state = cloth.settle(laid_out(cloth), 6.0, 5e-4)
     grid = state.positions.reshape(3, nx, ny)[:, :, ny // 2]
-    # The bending at the second column has turned the first free piece already: the clamp is half before it.
+    # The bending at the second column has turned the first free piece already: the clamp is half
+    # before it.
     length = (nx - 1.5) * spacing
     edge = 0.5 * spacing
     drop, out = float(_HEIGHT - grid[2, -1]), float(grid[0, -1] - edge)
@@ -90,7 +91,8 @@ def stretch(material: ClothMaterial) -> dict[str, Any]:
 def shear(material: ClothMaterial) -> dict[str, Any]:
     """Its weight along the free edge of a short, wide strip: slip of that edge against weight * L / (2 G).
 
-    The yarns are made 20 times as stiff: it would bend in its plane, and its ends lag, by 2-3 % else.
+    The yarns are made 20 times as stiff: it would bend in its plane, and its ends lag, by 2-3 %
+    else.
     """
     nx, ny, h = 31, 121, 0.004
     material = material.changed(stretch=20.0 * material.stretch, **_CALM)
@@ -104,7 +106,10 @@ def shear(material: ClothMaterial) -> dict[str, Any]:
 
 
 def sag(material: ClothMaterial, slack: float = 1.1) -> dict[str, Any]:
-    """A limp cloth between two edges, `slack` times as long as their distance: sag of the catenary."""
+    """A limp cloth between two edges, `slack` times as long as their distance.
+
+    Sag of the catenary.
+    """
     nx, ny, h = 81, 13, 0.005
     limp = material.changed(bending=1e-6, plastic_bending=0.0, **_CALM)
     ends = [*range(ny), *range((nx - 1) * ny, nx * ny)]

@@ -20,8 +20,8 @@ _KEEPERS = {f"{_PACKAGE}.benchmarks.{name}" for name in ("_code_digest", "_rows"
 def code_digest(module: str) -> str:
     """SHA-256 over a module, all modules of this package that it imports, and all data of `models`.
 
-    Imports inside functions count, and those of the imported; modules that only keep results do not. Files count by their names within the package, not by where
-    it is installed.
+    Imports inside functions count, and those of the imported; modules that only keep results do
+    not. Files count by their names within the package, not by where it is installed.
 
     Args:
         module: dotted name.
@@ -60,7 +60,10 @@ def _file(name: str) -> Path | None:
 
 
 def _imported(tree: ast.AST) -> Iterator[str]:
-    """Dotted names that are imported, submodules among them; some are no modules but what is in one."""
+    """Dotted names that are imported, submodules among them.
+
+    Some are no modules but what is in one.
+    """
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.module is not None and node.level == 0:
             yield node.module

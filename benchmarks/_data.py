@@ -1,4 +1,7 @@
-"""Data that benchmarks share: the folder of real captures, and the table of scenes without a robot."""
+"""Data that benchmarks share.
+
+The folder of real captures, and the table of scenes without a robot.
+"""
 
 import os
 from pathlib import Path

@@ -1,4 +1,7 @@
-"""The noise of a depth map on its table, in the sensor's own steps: for real maps and simulated ones."""
+"""The noise of a depth map on its table, in the sensor's own steps.
+
+For real maps and simulated ones.
+"""
 
 from pathlib import Path
 from typing import Any

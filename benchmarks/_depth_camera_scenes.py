@@ -1,4 +1,7 @@
-"""Scenes that depth cameras are compared on: a leaf over the table, and a garment with steep folds."""
+"""Scenes that depth cameras are compared on.
+
+A leaf over the table, and a garment with steep folds.
+"""
 
 import base64
 from typing import Any

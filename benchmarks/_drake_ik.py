@@ -1,4 +1,7 @@
-"""Drake's optimisation-based inverse kinematics in place of our own: a test oracle and a yardstick."""
+"""Drake's optimisation-based inverse kinematics in place of our own.
+
+A test oracle and a yardstick.
+"""
 
 import numpy as np
 from pydrake.math import RotationMatrix
@@ -34,7 +37,10 @@ class DrakeInverseKinematics(Kinematics):
         iterations: int = 6,
         tolerance: float = 1e-9,
     ) -> InverseSolution:
-        """At most one branch (index 0) per pose; arguments as `Kinematics.inverse`, the last two unused."""
+        """At most one branch (index 0) per pose.
+
+        Arguments as `Kinematics.inverse`, the last two unused.
+        """
         count = len(X_WT)
         turns = np.broadcast_to(np.asarray(turntable, dtype=float), count)
         q = np.zeros((count, 8, 6))
@@ -67,7 +73,8 @@ class DrakeInverseKinematics(Kinematics):
         tcp, world = self._plant.GetFrameByName("tcp", gripper), self._plant.world_frame()
         p = X_WT[:3, 3]
         problem.AddPositionConstraint(tcp, np.zeros(3), world, p - _TOLERANCE, p + _TOLERANCE)
-        # The constraint bounds a cosine, so that the solver's own tolerance leaves about a milliradian.
+        # The constraint bounds a cosine, so that the solver's own tolerance leaves about a
+        # milliradian.
         problem.AddOrientationConstraint(
             world, RotationMatrix(X_WT[:3, :3]), tcp, RotationMatrix(), 10.0 * _TOLERANCE
         )

@@ -1,4 +1,7 @@
-"""What every fault of the driver must leave behind: arms at rest together, a latched fault, a whole log, no limit broken."""
+"""What every fault of the driver must leave behind.
+
+Arms at rest together, a latched fault, a whole log, no limit broken.
+"""
 
 from collections.abc import Callable
 
@@ -10,9 +13,11 @@ from unwrinkle.hardware import controller_state
 from unwrinkle.hardware.motoros.wire import Command
 from unwrinkle.hardware.run_log.reader import read_run_log
 
-#: Both arms come to rest within so long of each other, s: a queue of increments is at most an interpolation period apart.
+#: Both arms come to rest within so long of each other, s: a queue of increments is at most an
+#: interpolation period apart.
 TOGETHER = 0.15
-#: A stop along the path leaves the path by no more than this, rad; the wire's float32 is part of it.
+#: A stop along the path leaves the path by no more than this, rad; the wire's float32 is part of
+#: it.
 ON_PATH = 2e-3
 #: Servos that brake by themselves leave it by no more, rad.
 NEAR_PATH = 0.05
@@ -53,7 +58,8 @@ def stopped(
     Args:
         case, rig: of the row.
         near: most that an axis may stand off the path, rad.
-        braking: the stop is a braking along the path, whose points are sent after the fault; else none may be.
+        braking: the stop is a braking along the path, whose points are sent after the fault; else
+            none may be.
         grace: s after the fault in which a point that was on its way may still arrive.
         heard: whether the controller still takes notice of what it is sent, if it is connected.
         log: whether there is a run log to read.
@@ -159,7 +165,10 @@ def completed(case: Case, rig: Rig, number: int, what: str) -> None:
 
 
 def whole_log(case: Case, rig: Rig, *, fault: bool = True) -> None:
-    """Close everything and read the log: it tells what was sent, what was measured and why it ended."""
+    """Close everything and read the log.
+
+    It tells what was sent, what was measured and why it ended.
+    """
     reason = next((text for text in [rig.status.reason] if text), "")
     rig.close()
     records = read_run_log(rig.log_path)

@@ -1,4 +1,7 @@
-"""Fault rows C2, P4 and V6, through the command line: what an operator starts, reads and is stopped from."""
+"""Fault rows C2, P4 and V6, through the command line.
+
+What an operator starts, reads and is stopped from.
+"""
 
 import datetime
 import signal

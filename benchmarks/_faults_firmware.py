@@ -1,6 +1,7 @@
 """Fault rows F1 to F8: what the controller's own firmware does that nobody would expect of it.
 
-Its source is public (ros-industrial/motoman, CloPeMa/motoman); the virtual controller behaves as it does.
+Its source is public (ros-industrial/motoman, CloPeMa/motoman); the virtual controller behaves as it
+does.
 """
 
 import os
@@ -136,7 +137,10 @@ class _Fails(ControllerDriver):
 
 
 def kills(case: Case, count: int) -> None:
-    """Kill the driver's process so often, each time at another moment; then check the site and try a dry run and a run."""
+    """Kill the driver's process so often, each time at another moment.
+
+    Then check the site and try a dry run and a run.
+    """
     rng, left = case.rng, 0
     for number in range(count):
         folder = case.folder / f"kill{number}"
@@ -206,7 +210,10 @@ def _try(case: Case, live: LiveController, folder: Path, options: tuple[str, ...
 
 
 def _site_check(folder: Path, live: LiveController) -> tuple[int, str]:
-    """`unwrinkle site check` in a process of its own: its exit code, and what it says of the motion port."""
+    """`unwrinkle site check` in a process of its own.
+
+    Its exit code, and what it says of the motion port.
+    """
     command = [sys.executable, "-m", "unwrinkle", "site", "check", str(live.site_file(folder))]
     done = subprocess.run(
         command, check=False, capture_output=True, text=True, cwd=folder, timeout=60.0

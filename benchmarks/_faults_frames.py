@@ -39,7 +39,10 @@ def stream(rng: np.random.Generator, count: int = 12) -> tuple[list[Message], by
 
 
 def feed(data: bytes, *, lenient: bool = False, parts: int = 0) -> tuple[list[Message], str]:
-    """What a framer makes of bytes, in so many equal parts; and the name of the error that ended it."""
+    """What a framer makes of bytes, in so many equal parts.
+
+    And the name of the error that ended it.
+    """
     framer = Framer(MOST, lenient=lenient)
     found: list[Message] = []
     step = max(1, -(-len(data) // parts)) if parts else max(1, len(data))

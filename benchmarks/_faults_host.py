@@ -1,4 +1,7 @@
-"""Fault rows C1, C3, C4, P7, H1 and H2: the host, its disk, a second owner, the operator's hands."""
+"""Fault rows C1, C3, C4, P7, H1 and H2.
+
+The host, its disk, a second owner, the operator's hands.
+"""
 
 import errno
 import os

@@ -1,4 +1,7 @@
-"""Whether points that were sent keep the limits as the controller will run them: exact extremes of their cubics."""
+"""Whether points that were sent keep the limits as the controller will run them.
+
+Exact extremes of their cubics.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,8 +38,8 @@ class SentPoints:
 def limit_violations(streams: Sequence[SentPoints], limits: Limits) -> list[str]:
     """What goes beyond a limit in points that were sent; empty if nothing does.
 
-    Position, velocity and acceleration are the exact extremes of the cubics between points as the controller has them,
-    in float32 and whole milliseconds; jerk is constant on each.
+    Position, velocity and acceleration are the exact extremes of the cubics between points as the
+    controller has them, in float32 and whole milliseconds; jerk is constant on each.
 
     Args:
         streams: of any groups.

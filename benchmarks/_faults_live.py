@@ -172,7 +172,10 @@ class Execution:
         return self.process.poll() is None and live.controller.points >= points
 
     def end(self) -> int:
-        """Wait for its end; the exit code. What it wrote is in `out`, its last error line in `error`."""
+        """Wait for its end; the exit code.
+
+        What it wrote is in `out`, its last error line in `error`.
+        """
         try:
             self.out, error = self.process.communicate(timeout=_LONGEST)
         except subprocess.TimeoutExpired:

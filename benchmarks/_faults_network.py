@@ -266,7 +266,8 @@ def slow(case: Case) -> None:
     with Rig(case.folder, *faults, name="too_slow") as rig:
         checks.under_way(case, rig, 0.2)
         checks.faulted(case, rig)
-        # What is in the sockets cannot be taken back: one point of each group, and the stop after it.
+        # What is in the sockets cannot be taken back: one point of each group, and the stop after
+        # it.
         rig.step(500)
         late = rig.points_after(rig.entered(controller_state.FAULT) or 0.0)
         case.expect(late <= 3, "only the one point that was on its way arrives late", late)

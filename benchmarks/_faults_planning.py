@@ -159,7 +159,10 @@ def impossible_limits(case: Case) -> None:
 
 
 def bad_start(case: Case) -> None:
-    """P4, the part of planning and verification; the preflight's part is with the executor's rows."""
+    """P4, the part of planning and verification.
+
+    The preflight's part is with the executor's rows.
+    """
     limits = cells.cell().limits
     outside = cells.home()
     outside[3] = limits.upper[3] + 0.01

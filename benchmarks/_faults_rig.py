@@ -1,7 +1,7 @@
 """The rig of the driver's fault rows: virtual controller, its server, the driver and a run log, in lockstep on a fake clock.
 
-Bytes go over real sockets of the loopback interface. Before either side is polled, everything that the other side has sent
-has come; so a run depends on nothing but its seed.
+Bytes go over real sockets of the loopback interface. Before either side is polled, everything that
+the other side has sent has come; so a run depends on nothing but its seed.
 """
 
 import dataclasses as dc

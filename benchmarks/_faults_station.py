@@ -1,4 +1,7 @@
-"""A scripted station for the closed loop: real supervisor, perception, planner and verification around fake devices."""
+"""A scripted station for the closed loop.
+
+Real supervisor, perception, planner and verification around fake devices.
+"""
 
 import dataclasses as dc
 from collections.abc import Callable
@@ -25,7 +28,8 @@ from unwrinkle.simulation.rendering.synthetic_towel import Towel, capture_of, ov
 from unwrinkle.systems.abstract_state import set_state_value, state_value
 from unwrinkle.systems.diagram import build_flattening_diagram, supervisor_state
 
-#: What the depth camera gives at the n-th exposure (from 1); an exception's text becomes the reason.
+#: What the depth camera gives at the n-th exposure (from 1); an exception's text becomes the
+#: reason.
 Camera_ = Callable[[int], Capture]
 
 _PERIOD = 0.025
@@ -38,7 +42,10 @@ CAMERA = Camera("overhead", 400, 300, 437.5, 437.5, 199.5, 149.5, sensor="stereo
 def towel_capture(
     towel: Towel, *, sigma: float = 0.0001, seed: int = 0, x: float | None = None
 ) -> Capture:
-    """What a camera 1.6 m above the floor, over the towel or at an x of its own, sees in depth; without colour."""
+    """What a camera 1.6 m above the floor, over the towel or at an x of its own, sees in depth.
+
+    Without colour.
+    """
     pose = overhead_pose(towel.centre[0] if x is None else x, towel.centre[1], 1.6)
     taken = capture_of(towel, CAMERA, pose, sigma=sigma, seed=seed)
     return dc.replace(taken, colour=None, colour_registered=False)
@@ -50,7 +57,8 @@ class Script:
 
     Attributes:
         look: gives the picture of the n-th exposure.
-        no_close: exposures of grippers (n-th closing command) at which these hands hold nothing: (right, left).
+        no_close: exposures of grippers (n-th closing command) at which these hands hold nothing:
+            (right, left).
         lost_at: segment during which the cloth slips out of both hands.
         deaf: numbers of gripper commands that get lost.
         dark: exposures that never come.

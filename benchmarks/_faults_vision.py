@@ -30,7 +30,8 @@ from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
 _CENTRE = (0.0, -1.10)
 _RIDGE = Ridge((-0.02, -1.10), 1.25, 0.021, 0.0125, 0.30)
 _TOWEL = Towel((_RIDGE,), _CENTRE, thickness=0.004)
-#: Single layers of these thicknesses, m, under this many seeds of noise: how often is a flat one pulled?
+#: Single layers of these thicknesses, m, under this many seeds of noise: how often is a flat one
+#: pulled?
 _LAYERS, _SEEDS = (0.002, 0.004), 4
 
 

@@ -1,4 +1,7 @@
-"""What the controller runs of a plan at full speed: increments of its clock, held against the plan's limits and path."""
+"""What the controller runs of a plan at full speed.
+
+Increments of its clock, held against the plan's limits and path.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -25,9 +28,10 @@ def run_increments(folder: Path, profile: str, period: float) -> dict[str, Any]:
         period: of the controller's clock, s.
 
     Returns:
-        `profile`, `period` (s), `completed`, `velocity`, `acceleration` and `jerk` (greatest share of a limit, of the
-        increments' differences), `path_error` (rad), `queue_least` and `queue_median` (s of motion in the queues while the
-        axes move, but for each segment's last `lead`), `underruns` and `audit` (what the client should not have sent).
+        `profile`, `period` (s), `completed`, `velocity`, `acceleration` and `jerk` (greatest share
+        of a limit, of the increments' differences), `path_error` (rad), `queue_least` and
+        `queue_median` (s of motion in the queues while the axes move, but for each segment's last
+        `lead`), `underruns` and `audit` (what the client should not have sent).
     """
     plan = cells.plan()
     settings = VirtualControllerSettings(period=period, keep=100_000)

@@ -133,7 +133,10 @@ def flatten(root: Path, name: str, options: tuple[str, ...]) -> Run:
 
 
 def source_digest() -> str:
-    """SHA-256 over every source and model file of the package: results of other code do not count."""
+    """SHA-256 over every source and model file of the package.
+
+    Results of other code do not count.
+    """
     roots = {models_dir()}
     for name in _FOLDERS:
         spec = importlib.util.find_spec(name)

@@ -1,4 +1,7 @@
-"""Rows of the garments board: ours, and bare hands that follow a simple policy from the very same start."""
+"""Rows of the garments board.
+
+Ours, and bare hands that follow a simple policy from the very same start.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -37,7 +40,8 @@ GARMENTS: dict[str, dict[str, Any]] = {
 }
 #: After every so many actions of a baseline its cloth is kept.
 KEPT = 5
-# What the cloth's solver raises where it cannot follow: its own error, or that of an array for cloth that flew apart.
+# What the cloth's solver raises where it cannot follow: its own error, or that of an array for
+# cloth that flew apart.
 _UNSOLVED = (ClothError, ValueError)
 _LOOKS = 1000  # a run's looks have seeds of their own
 
@@ -58,7 +62,8 @@ def wanted(seeds: Mapping[tuple[str, str], Sequence[int]], *, actions: int) -> l
     """A row per start kind, garment, seed and method; those of one start stand together.
 
     Args:
-        seeds: by start kind (of STARTS) and garment (of GARMENTS): of the starts, and of all else that is random in a row.
+        seeds: by start kind (of STARTS) and garment (of GARMENTS): of the starts, and of all else
+            that is random in a row.
         actions: that each method may use.
     """
     rows = []
@@ -108,14 +113,16 @@ def by_policy(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Let bare hands follow a policy for all actions that they have.
 
     Args:
-        settings: `policy` (of POLICIES), `actions`, and as of `_loop_rows.flattened` `scenario`, `seed`, `start`.
-        folder: takes the cloth's vertices at first and after every KEPT actions, `vertices.npz`; the folder above it
-            keeps the starts.
+        settings: `policy` (of POLICIES), `actions`, and as of `_loop_rows.flattened` `scenario`,
+            `seed`, `start`.
+        folder: takes the cloth's vertices at first and after every KEPT actions, `vertices.npz`;
+            the folder above it keeps the starts.
 
     Returns:
-        `coverages`, `heights` (m) and `overstretch` before the first and after every action; `actions`;
-        `idle` (actions for which the policy knew nothing to do), `empty` (hands that closed on nothing)
-        and `broken` (pulls that the cloth's solver could not follow: the cloth lay as before).
+        `coverages`, `heights` (m) and `overstretch` before the first and after every action;
+        `actions`; `idle` (actions for which the policy knew nothing to do), `empty` (hands that
+        closed on nothing) and `broken` (pulls that the cloth's solver could not follow: the cloth
+        lay as before).
 
     Raises:
         InputError: an unknown policy, or settings that the scenario refuses.

@@ -1,4 +1,7 @@
-"""The boards at a glance, beside the published figures: `python -m unwrinkle.benchmarks._glance docs/results`."""
+"""The boards at a glance, beside the published figures.
+
+`python -m unwrinkle.benchmarks._glance docs/results`.
+"""
 
 import json
 import sys
@@ -11,7 +14,8 @@ from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.files import write_text
 
 BEGIN, END = "<!-- boards: begin -->", "<!-- boards: end -->"
-#: Of a line: what was measured, published, here, and the target with whether it is met; empty where there is none.
+#: Of a line: what was measured, published, here, and the target with whether it is met; empty where
+#: there is none.
 Line = tuple[str, str, str, str]
 
 

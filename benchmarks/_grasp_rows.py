@@ -34,7 +34,8 @@ CHOICES = (OURS, "largest wrinkle", "highest point", "random point")
 LEAST_AREA = 1e-3
 #: How high what is caught is lifted, m.
 LIFT = 0.10
-#: Misplacements of the tool on the table that a catch is tried with besides, m, in eight directions each.
+#: Misplacements of the tool on the table that a catch is tried with besides, m, in eight directions
+#: each.
 MISPLACED = (0.005, 0.010)
 
 Place = tuple[Array, Array]  # p_WG (3,), across (2,)
@@ -54,11 +55,14 @@ def grasped(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Look at a state, and pinch and lift it at each point, always from the same start.
 
     Args:
-        settings: `state` (of `_grasp_states`) and `seed`, of the start, the look's noise and the random point.
-        folder: takes the start (`start.npz`) and, for pictures, the vertices before and after our lift (`vertices.npz`).
+        settings: `state` (of `_grasp_states`) and `seed`, of the start, the look's noise and the
+            random point.
+        folder: takes the start (`start.npz`) and, for pictures, the vertices before and after our
+            lift (`vertices.npz`).
 
     Returns:
-        `wrinkles` found, `coverage` and `height` by truth, and `choices`: for each point what came of it.
+        `wrinkles` found, `coverage` and `height` by truth, and `choices`: for each point what came
+        of it.
     """
     cell, planner = _station()
     kind, seed = state_named(settings["state"]), int(settings["seed"])
@@ -112,7 +116,10 @@ def _proposal(analysis: Analysis) -> GraspProposal | NoGrasp:
 
 
 def _place(analysis: Analysis, choice: str, rng: np.random.Generator) -> Place | NoGrasp:
-    """Where to pinch and in which direction; the other points are pinched across the sharpest convex bending there."""
+    """Where to pinch and in which direction.
+
+    The other points are pinched across the sharpest convex bending there.
+    """
     surface, table = analysis.surface, analysis.range_map.table_height
     if choice == OURS:
         proposal = _proposal(analysis)

@@ -35,7 +35,8 @@ class GraspState:
     pinches: int | None = None
 
 
-# In this order more and more wrinkles cross, then layers lie on each other, and the cloth gets thinner and limper.
+# In this order more and more wrinkles cross, then layers lie on each other, and the cloth gets
+# thinner and limper.
 STATES = (
     GraspState("ridge", "towel, one ridge", "towel", "terry", "ridge"),
     GraspState("pushed", "towel, pushed together twice", "towel", "terry", "bunched", 2),

@@ -10,12 +10,14 @@ from unwrinkle.models.scenario import Scenario
 WORK = "unwrinkle.benchmarks._loop_rows:flattened"
 #: Most actions of a run.
 ACTIONS, QUICK_ACTIONS = 10, 2
-#: What looks: the stereo head; or, for what has nothing to do with pictures, the true map with the head's noise.
+#: What looks: the stereo head; or, for what has nothing to do with pictures, the true map with the
+#: head's noise.
 STEREO, TRUTH = "stereo", "truth"
 #: Core-seconds of a run, about: on true maps, and by the size of the pictures.
 _TRUTH_COST = 15.0
 _PICTURE_COSTS = {0.25: 18.0, 0.5: 35.0, 1.0: 80.0}
-#: Starts of a cell: of rules that may become the default, of the other rules, of the cloth's material, of the sensor.
+#: Starts of a cell: of rules that may become the default, of the other rules, of the cloth's
+#: material, of the sensor.
 MANY_STARTS, _RULE_STARTS, _CLOTH_STARTS, _SENSOR_STARTS = 10, 5, 3, 3
 
 _MATERIAL = load_material(Scenario().station.garment.material)

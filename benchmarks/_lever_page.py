@@ -73,7 +73,10 @@ def _name(cell: dict[str, Any]) -> str:
 
 
 def _verdict(cells: list[dict[str, Any]]) -> list[str]:
-    """What beats the default, or is worse, by more than its interval; and what leaves towels that are not flat."""
+    """What beats the default, or is worse, by more than its interval.
+
+    And what leaves towels that are not flat.
+    """
     changed = [
         c
         for c in cells

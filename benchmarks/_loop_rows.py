@@ -1,4 +1,7 @@
-"""The closed loop in the simulated cell as a board's row: one run, in this process, judged by the true cloth."""
+"""The closed loop in the simulated cell as a board's row.
+
+One run, in this process, judged by the true cloth.
+"""
 
 import dataclasses as dc
 import time
@@ -24,7 +27,8 @@ from unwrinkle.systems.diagram import build_flattening_diagram, supervisor_state
 from unwrinkle.systems.station.simulated import build_sim_station
 from unwrinkle.systems.station.world import simulated_cloth
 
-#: A garment whose highest point is no higher than this above flat is flat in truth, m (the published halt, 0.5 cm).
+#: A garment whose highest point is no higher than this above flat is flat in truth, m (the
+#: published halt, 0.5 cm).
 FLAT = 0.005
 #: Feedback periods after which a run is given up: hours on the station's clock.
 _MOST_PERIODS = 400_000
@@ -42,16 +46,18 @@ def flattened(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Run the loop to its end.
 
     Args:
-        settings: `scenario` (what differs from the shipped one, nested as in the file), `seed` (of every random choice in
-            the loop), `start` (`kind` and the arguments of `wrinkle_makers`' function of that name) and `material`
-            (values that differ from the scenario's cloth, which the start is still made of).
+        settings: `scenario` (what differs from the shipped one, nested as in the file), `seed` (of
+            every random choice in the loop), `start` (`kind` and the arguments of `wrinkle_makers`'
+            function of that name) and `material` (values that differ from the scenario's cloth,
+            which the start is still made of).
         folder: takes the cloth's vertices before the first and after each action, `vertices.npz`.
 
     Returns:
-        How it ended (`status`, `reason`), `actions` (carried out), by true cloth `heights` (m), `coverages`,
-        `overstretch` (each before the first and after every action), `rni_truth` (actions until the highest point was
-        below FLAT; None where it never was), `dual`, `single`, `missed` (of the actions), `dual_wanted`, `dual_found` (motions
-        for two arms that were looked for, and that were found and verified), `looks` (one entry each).
+        How it ended (`status`, `reason`), `actions` (carried out), by true cloth `heights` (m),
+        `coverages`, `overstretch` (each before the first and after every action), `rni_truth`
+        (actions until the highest point was below FLAT; None where it never was), `dual`, `single`,
+        `missed` (of the actions), `dual_wanted`, `dual_found` (motions for two arms that were
+        looked for, and that were found and verified), `looks` (one entry each).
     """
     scenario = changed(load_scenario(), settings.get("scenario", {}))
     scenario = with_sensor(scenario, scenario.sensor.kind)
@@ -153,7 +159,10 @@ class _Record:
             self._measure(now.policy_state.actions, cloth)
 
     def _measure(self, actions: int, cloth: ClothState) -> None:
-        """The cloth at rest after so many actions; of several looks without an action between, the last."""
+        """The cloth at rest after so many actions.
+
+        Of several looks without an action between, the last.
+        """
         truth, vertices = measure(self._cloth, cloth), self._cloth.vertices(cloth)
         del self._truth[actions:], self._vertices[actions:]
         self._truth.append(truth)

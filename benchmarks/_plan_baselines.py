@@ -1,4 +1,7 @@
-"""What the planner is compared with: Drake's inverse kinematics in its search, OMPL's RRT-Connect."""
+"""What the planner is compared with.
+
+Drake's inverse kinematics in its search, OMPL's RRT-Connect.
+"""
 
 import time
 from dataclasses import replace
@@ -48,8 +51,9 @@ def drake_baseline(cell: Cell, targets: list[FlatteningTarget]) -> dict[str, Any
 def rrt_baseline(cell: Cell, targets: list[FlatteningTarget]) -> dict[str, Any]:
     """OMPL's RRT-Connect between the seven poses (and home), each leg a polyline timed with a stop at every corner.
 
-    The poses' configurations come from the own search, since RRT-Connect has none; what it does not do is follow the lines
-    that keep the blades flat on the table and the cloth between the hands. How far it strays is reported.
+    The poses' configurations come from the own search, since RRT-Connect has none; what it does not
+    do is follow the lines that keep the blades flat on the table and the cloth between the hands.
+    How far it strays is reported.
     """
     try:
         from ompl import util

@@ -1,4 +1,7 @@
-"""How far samples of straight joint lines lie off them: of plans' transits, and of random lines at several speeds."""
+"""How far samples of straight joint lines lie off them.
+
+Of plans' transits, and of random lines at several speeds.
+"""
 
 from itertools import pairwise
 from typing import Any
@@ -35,7 +38,10 @@ def line_deviation(result: PlanResult) -> float:
 
 
 def random_lines(cell: Cell, seed: int, count: int) -> list[dict[str, Any]]:
-    """Random lines through the whole joint space, every other one a tenth as long: per speed how well they are kept."""
+    """Random lines through the whole joint space, every other one a tenth as long.
+
+    Per speed how well they are kept.
+    """
     settings, rows = PlannerSettings(), []
     for speed in SPEEDS:
         limits = cell.with_speed(speed).limits

@@ -35,7 +35,8 @@ def flattening_task(
 
     Args:
         centre: of the wrinkle, world x and y, m.
-        phi: direction of the wrinkle from the robot's forward (-y), counter-clockwise from above, rad.
+        phi: direction of the wrinkle from the robot's forward (-y), counter-clockwise from above,
+            rad.
         half: distance of each grasp point from the centre, m.
         pull: of each hand, m.
         errors: angles of each hand's grasp direction off the pull's line (contour normal), rad.

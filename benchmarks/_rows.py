@@ -22,7 +22,8 @@ from unwrinkle.models.io.files import write_json
 
 #: Where rows are kept, below the folder that the command is given in.
 ROOT = Path("out") / "boards"
-#: Rows that one process works out before another takes its place: renderers give not all of their memory back.
+#: Rows that one process works out before another takes its place: renderers give not all of their
+#: memory back.
 _ROWS_PER_PROCESS = 3
 _FILE = "row.json"
 
@@ -35,7 +36,8 @@ class Row:
 
     Attributes:
         name: in words that a file's name may have, for people.
-        work: `module:function`, the function takes `settings` and the row's folder and returns JSON values.
+        work: `module:function`, the function takes `settings` and the row's folder and returns JSON
+            values.
         settings: JSON values; all that the result depends on besides the code.
     """
 
@@ -69,10 +71,12 @@ def run_rows(
         wanted: the rows.
         progress: told of every finished row.
         workers: processes at once; by the number of cores if left out.
-        tolerated: class of errors that a board expects of some rows; those come back with `failed`, its message.
+        tolerated: class of errors that a board expects of some rows; those come back with `failed`,
+            its message.
 
     Returns:
-        For each row its name, settings, folder, wall (s) and code (digest), and what its function returned.
+        For each row its name, settings, folder, wall (s) and code (digest), and what its function
+        returned.
 
     Raises:
         InputError: rows failed; the others are kept, and the next run tries those again.
@@ -108,7 +112,10 @@ def run_rows(
 
 
 def rows_wall(rows: Iterable[dict[str, Any]]) -> float:
-    """Seconds that rows took, one after the other, for a report's `results["rows_wall"]`: those kept from before too."""
+    """Seconds that rows took, one after the other, for a report's `results["rows_wall"]`.
+
+    Those kept from before too.
+    """
     return float(sum(row.get("wall", 0.0) for row in rows))
 
 

@@ -13,10 +13,11 @@ def run_figures(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """The figures of one or more runs.
 
     Returns:
-        `runs`; `rni_mean`, `rni_std`, `rni_interval` (95 %) of the actions until the loop's own detector said flat, where a
-        run that ended otherwise counts with the actions that it made and is one of `unfinished`; `flat_by_truth`, runs at
-        whose end the cloth's highest point was at most FLAT above flat; `missed` grasps; at the end `height_max` (m),
-        `coverage_mean`, `coverage_least`; `overstretch_max` after any action.
+        `runs`; `rni_mean`, `rni_std`, `rni_interval` (95 %) of the actions until the loop's own
+        detector said flat, where a run that ended otherwise counts with the actions that it made
+        and is one of `unfinished`; `flat_by_truth`, runs at whose end the cloth's highest point was
+        at most FLAT above flat; `missed` grasps; at the end `height_max` (m), `coverage_mean`,
+        `coverage_least`; `overstretch_max` after any action.
     """
     rni = mean_interval([run["actions"] for run in runs])
     assert rni is not None

@@ -1,4 +1,7 @@
-"""One plan run on a station of any simulated form, by hand; and the closed loop, period by period."""
+"""One plan run on a station of any simulated form, by hand.
+
+And the closed loop, period by period.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -45,7 +48,8 @@ class StationRun:
 
     Attributes:
         names: of the segments.
-        spans: for each segment, when it was commanded and when it was done, s on the station's clock.
+        spans: for each segment, when it was commanded and when it was done, s on the station's
+            clock.
         motion: measured, all of it.
         cloth: (n, 3) vertices in the end, m.
         holding: whether both grippers held cloth after closing.
@@ -146,7 +150,8 @@ def run_on_station(
         station: fresh.
         cloth: of the station.
         plan: to run.
-        phases: for each segment a period, s, and when in it the segment is commanded; as soon as possible where left out.
+        phases: for each segment a period, s, and when in it the segment is commanded; as soon as
+            possible where left out.
 
     Raises:
         UnwrinkleError: the controller is in fault, or a step does not end.

@@ -18,7 +18,8 @@ class Spread:
     Attributes:
         count: of values.
         mean, std: of them; the standard deviation is the sample's (n - 1), 0 for one value.
-        low, high: 95 % interval of the mean, by the bootstrap's percentiles; the mean itself where all values agree.
+        low, high: 95 % interval of the mean, by the bootstrap's percentiles; the mean itself where
+            all values agree.
     """
 
     count: int

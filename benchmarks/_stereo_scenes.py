@@ -1,4 +1,7 @@
-"""Rendered pairs of a wrinkled towel with everything about it known: what `bench stereo` looks at."""
+"""Rendered pairs of a wrinkled towel with everything about it known.
+
+What `bench stereo` looks at.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""How fast a motion could be without a jerk limit: toppra's optimum, as the yardstick of the timing."""
+"""How fast a motion could be without a jerk limit.
+
+Toppra's optimum, as the yardstick of the timing.
+"""
 
 import numpy as np
 

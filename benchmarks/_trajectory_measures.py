@@ -1,8 +1,9 @@
 """One judge for every way of timing a path: the samples, with the cubics that the controller runs between them.
 
-Velocity and acceleration are exact extremes of the cubics, as in the verification of a plan. Jerk is the greater of the
-cubics' own and the change of mean acceleration between neighbouring intervals over their length, rest before and after
-included: where acceleration jumps, as without a jerk limit, that grows without bound with the sampling rate.
+Velocity and acceleration are exact extremes of the cubics, as in the verification of a plan. Jerk
+is the greater of the cubics' own and the change of mean acceleration between neighbouring intervals
+over their length, rest before and after included: where acceleration jumps, as without a jerk
+limit, that grows without bound with the sampling rate.
 """
 
 from typing import Any
@@ -20,7 +21,8 @@ from unwrinkle.planning.verification.limits import TOLERANCE
 from unwrinkle.planning.verification.motion import Leg
 
 QUANTITIES = ("velocity", "acceleration", "jerk", "tip_speed")
-#: A deviation below this counts as none, m: a hundredth of the least thing that the planner leaves between bodies on purpose.
+#: A deviation below this counts as none, m: a hundredth of the least thing that the planner leaves
+#: between bodies on purpose.
 NO_DEVIATION = 1e-5
 
 _CURVE = 2000  # points of a dense path
@@ -39,9 +41,10 @@ def judge(
         kinematics: of the tool centre points.
 
     Returns:
-        `failures` (reasons by piece); if there are none `duration` (s), `durations`, and for every quantity of `QUANTITIES`
-        its worst `ratio` to the limit and the number of `violations` (sample intervals times axes); `deviation` of either tool
-        centre point (m) and `joint_deviation` (rad) from the path's nearest point.
+        `failures` (reasons by piece); if there are none `duration` (s), `durations`, and for every
+        quantity of `QUANTITIES` its worst `ratio` to the limit and the number of `violations`
+        (sample intervals times axes); `deviation` of either tool centre point (m) and
+        `joint_deviation` (rad) from the path's nearest point.
     """
     failures = [
         {"piece": piece.name, "reason": samples.reason}

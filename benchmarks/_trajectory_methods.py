@@ -1,7 +1,8 @@
 """Ways to time a seven-pose path under velocity, acceleration and jerk limits: ours, and what others do.
 
-Every method gets the same five curves, stops at the same places, gets the same margin below the limits, and returns samples
-at a period with positions and velocities, between which the controller runs cubics.
+Every method gets the same five curves, stops at the same places, gets the same margin below the
+limits, and returns samples at a period with positions and velocities, between which the controller
+runs cubics.
 """
 
 from collections.abc import Callable, Iterator
@@ -44,7 +45,10 @@ class Failure:
 
 
 class Law:
-    """toppra's fastest law along a path without a jerk limit: constant second derivative of s between grid points."""
+    """toppra's fastest law along a path without a jerk limit.
+
+    Constant second derivative of s between grid points.
+    """
 
     def __init__(self, path: JointPath, limits: Limits, tip_speed: float | None) -> None:
         """Run toppra on a path."""
@@ -64,7 +68,10 @@ class Law:
         return q, v
 
     def at(self, times: Array) -> States:
-        """Joint positions, velocities and accelerations (N, n) at times (N,), s; beyond the end at rest there."""
+        """Joint positions, velocities and accelerations (N, n) at times (N,), s.
+
+        Beyond the end at rest there.
+        """
         inside = np.clip(times, 0.0, self.duration)
         i = np.clip(
             np.searchsorted(self._times, inside, side="right") - 1, 0, len(self._second) - 1
@@ -234,7 +241,10 @@ def _spline_state(spline: BPoly, rate: BPoly, times: Array) -> tuple[Array, Arra
 
 
 def _sampled(duration: float, state: Callable[[Array], tuple[Array, Array]]) -> Samples:
-    """Samples at the period of a motion; slowed by less than one period, as the planner does, so that the end falls on one."""
+    """Samples at the period of a motion.
+
+    Slowed by less than one period, as the planner does, so that the end falls on one.
+    """
     count = max(1, int(np.ceil(duration / PERIOD - 1e-9)))
     stretch = count * PERIOD / duration
     t = PERIOD * np.arange(count + 1, dtype=float)

@@ -5,10 +5,12 @@ Follows MoveIt 2's main branch as it has been since March 2023 (pull requests 19
 * the waypoints come from a time parameterisation (TOTG, resampled to 0.1 s by default) with velocities and accelerations;
 * from each waypoint to the next a ruckig motion, time-synchronised, between the waypoints' full states, clamped to the limits;
 * where ruckig refuses, a factor (one for the whole trajectory, times 1.1 at each refusal, until it reaches 10) stretches
-  that segment's duration, divides the velocity at its end, and sets the acceleration there to the difference quotient; with
-  the mitigation of overshoot, which is off by default, the same where a motion goes beyond its target by over 0.01 rad;
+  that segment's duration, divides the velocity at its end, and sets the acceleration there to the
+  difference quotient; with the mitigation of overshoot, which is off by default, the same where a
+  motion goes beyond its target by over 0.01 rad;
 * only the last segment takes ruckig's own duration: what is sent are the waypoints, not ruckig's motion between them
-  (issue 2556); the controller interpolates. Versions before that demanded that ruckig reach the waypoint within one step.
+  (issue 2556); the controller interpolates. Versions before that demanded that ruckig reach the
+  waypoint within one step.
 
 Where the factor runs out, MoveIt reports success if ruckig's last answer was one, overshoot or not.
 """

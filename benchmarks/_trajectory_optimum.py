@@ -1,14 +1,16 @@
 """How near to the optimum a jerk-limited law along a path is: a lower bound, and an independent nonlinear programme.
 
-The programme is a direct transcription in time, and shares neither variables nor method with the planner's law: N equal
-intervals of the normalised time theta = t / T, in each the third derivative u of the path parameter s is constant, so that
-s, s', s'' at the nodes are linear in u. With primes for d/dtheta, and q_s, q_ss, ... the path's derivatives by s,
+The programme is a direct transcription in time, and shares neither variables nor method with the
+planner's law: N equal intervals of the normalised time theta = t / T, in each the third derivative
+u of the path parameter s is constant, so that s, s', s'' at the nodes are linear in u. With primes
+for d/dtheta, and q_s, q_ss, ... the path's derivatives by s,
 
     |q_s s'| <= V T,   |q_ss s'^2 + q_s s''| <= A T^2,   |q_sss s'^3 + 3 q_ss s' s'' + q_s u| <= J T^3.
 
-The motion's shape fixes T: it is the greatest over all rows of |v| / V, sqrt(|a| / A), cbrt(|j| / J). That minimax problem is
-solved by linear programmes (HiGHS) in a trust region. As limits are asked for at the nodes alone, the least T is, but for local
-optima, slightly too small: a figure over it is on the safe side.
+The motion's shape fixes T: it is the greatest over all rows of |v| / V, sqrt(|a| / A), cbrt(|j| /
+J). That minimax problem is solved by linear programmes (HiGHS) in a trust region. As limits are
+asked for at the nodes alone, the least T is, but for local optima, slightly too small: a figure
+over it is on the safe side.
 """
 
 from dataclasses import dataclass
@@ -102,7 +104,10 @@ class PathProgramme:
         return _Shape(np.stack([s, first, second], axis=1), np.diff(second) / h)
 
     def _linear_dynamics(self) -> csr_array:
-        """Rows of x[k+1] - Phi x[k] - Gamma u[k] = 0; columns: states node by node, then u, then T."""
+        """Rows of x[k+1] - Phi x[k] - Gamma u[k] = 0.
+
+        Columns: states node by node, then u, then T.
+        """
         n, h = self._count, 1.0 / self._count
         phi = np.array([[1.0, h, h * h / 2], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
         gamma = np.array([h**3 / 6, h * h / 2, h])

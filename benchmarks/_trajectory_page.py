@@ -217,7 +217,10 @@ def _groups(groups: dict[str, Any]) -> list[str]:
 
 
 def draw(results: dict[str, Any], file: Path) -> None:
-    """Duration over deviation, one point per path and method; beside it one axis of one approach over time."""
+    """Duration over deviation, one point per path and method.
+
+    Beside it one axis of one approach over time.
+    """
     figure = Figure(figsize=(13.0, 6.0), layout="constrained")
     grid = figure.add_gridspec(3, 2)
     axes = figure.add_subplot(grid[:, 0])

@@ -2,8 +2,9 @@
 
     python -m unwrinkle.benchmarks._trajectory_paths OUT.npz
 
-writes the set anew from the targets of `_plan_tasks`. Each path is what one dual-arm plan has to run through, without any
-timing: five pieces, each from rest to rest, with the grippers closing after the approach and opening after the pull.
+writes the set anew from the targets of `_plan_tasks`. Each path is what one dual-arm plan has to
+run through, without any timing: five pieces, each from rest to rest, with the grippers closing
+after the approach and opening after the pull.
 """
 
 import dataclasses as dc
@@ -37,7 +38,8 @@ FORMAT, VERSION = "unwrinkle-seven-pose-paths", 1
 NAMES = ("transit in", "approach", "pull", "release", "transit out")
 #: Which of them are straight joint lines.
 LINES = (0, 4)
-#: Which of them runs with the cloth in the grippers, under the cap of the tool centre points' speed.
+#: Which of them runs with the cloth in the grippers, under the cap of the tool centre points'
+#: speed.
 HOLDING = 2
 #: The set that is shipped.
 SHIPPED = Path(__file__).parent / "paths" / "seven_pose_paths.npz"
@@ -170,7 +172,10 @@ class PathMaker:
         self._home = np.array(cell.robot.named_states["home"], dtype=float)
 
     def pieces(self, task: Task) -> tuple[tuple[Piece, ...], SevenPoseMotion] | None:
-        """The five pieces for a target and the search's motion; None unless two arms can serve it by straight transits."""
+        """The five pieces for a target and the search's motion.
+
+        None unless two arms can serve it by straight transits.
+        """
         motion, _ = self._search.dual(task.target)
         if motion is None:
             return None

@@ -1,4 +1,7 @@
-"""The work of one row of the trajectories board: every method on one path, and how near ours comes to the optimum."""
+"""The work of one row of the trajectories board.
+
+Every method on one path, and how near ours comes to the optimum.
+"""
 
 import dataclasses as dc
 import time
@@ -40,8 +43,8 @@ def timed(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Time and judge one path.
 
     Args:
-        settings: `path`, its name; `set`, the hash of the set; `starts`, how many starts the programme gets: 1 (ours) or 2
-            (also the fifth-order polynomial in time).
+        settings: `path`, its name; `set`, the hash of the set; `starts`, how many starts the
+            programme gets: 1 (ours) or 2 (also the fifth-order polynomial in time).
         folder: not used.
 
     Raises:
@@ -97,7 +100,10 @@ def problem_of(path: SevenPosePath, limits: Limits) -> Problem:
 
 
 def _optimum(piece: Piece, limits: Limits, starts: int) -> dict[str, Any]:
-    """Times of one piece under the full limits, s: without jerk limit, the lower bound, the programme's, and our law's."""
+    """Times of one piece under the full limits, s.
+
+    Without jerk limit, the lower bound, the programme's, and our law's.
+    """
     if piece.name in (NAMES[i] for i in LINES):
         exact = time_line(piece.q[0], piece.q[-1], limits, 0.0, 1.0)[3]
         free = jerk_free_line_time(piece.q[0], piece.q[-1], limits)
@@ -139,7 +145,10 @@ def _optimum(piece: Piece, limits: Limits, starts: int) -> dict[str, Any]:
 
 
 def _parameters(path: JointPath, q: Array) -> Array:
-    """Path parameters (N,) of configurations (N, n) that lie on the path: the nearest of many points, then Newton steps."""
+    """Path parameters (N,) of configurations (N, n) that lie on the path.
+
+    The nearest of many points, then Newton steps.
+    """
     grid = np.linspace(0.0, 1.0, 4001)
     s = grid[cKDTree(path.spline(grid)).query(q)[1]]
     for _ in range(4):

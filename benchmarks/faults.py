@@ -63,9 +63,9 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
         progress: is told the row.
 
     Returns:
-        `rows` (see `RowResult`, and `must`, what the catalogue asks), `rows_survived_fraction`, `limit_violations`,
-        `moved_before_command` (greatest angle, rad), `increments` (see `run_increments`) and `missing` (ids of the
-        catalogue without a row).
+        `rows` (see `RowResult`, and `must`, what the catalogue asks), `rows_survived_fraction`,
+        `limit_violations`, `moved_before_command` (greatest angle, rad), `increments` (see
+        `run_increments`) and `missing` (ids of the catalogue without a row).
     """
     wanted = rows()
     results: list[tuple[Row, RowResult]] = []

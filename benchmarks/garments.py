@@ -1,4 +1,7 @@
-"""`unwrinkle bench garments`: four garments, flattened by the system and by simple ways from the same starts."""
+"""`unwrinkle bench garments`.
+
+Four garments, flattened by the system and by simple ways from the same starts.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -29,8 +32,8 @@ from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.archive import load_archive
 
 SUCCESS = 0.95  # coverage
-#: Learned results on other starts, cloths and simulators, by their abstracts: start kind they are nearest to, label,
-#: coverage (lower, upper), action they were reached at.
+#: Learned results on other starts, cloths and simulators, by their abstracts: start kind they are
+#: nearest to, label, coverage (lower, upper), action they were reached at.
 PUBLISHED: tuple[dict[str, Any], ...] = (
     {
         "start": "pinched",
@@ -166,10 +169,12 @@ def figures(runs: list[dict[str, Any]], counts: list[int]) -> dict[str, Any]:
     """The figures of one method over runs; a run that ended early keeps its last value.
 
     Returns:
-        `coverage` and `improvement` by count of actions (as text), each a `Spread` as JSON or None; `success` (runs whose
-        last coverage is SUCCESS at least), `success_ever`, `first_success` (a Spread over those of the action that
-        first reached it); `best` (a Spread of the run's highest coverage); `height` (m, at the end), `height_max`;
-        `actions` (used), `moved` and `hanging_max` (see `displaced`), `dual`, `overstretch_max`, `broken`, `idle`, `empty`, `ended` (how many by status), `wall` (s).
+        `coverage` and `improvement` by count of actions (as text), each a `Spread` as JSON or None;
+        `success` (runs whose last coverage is SUCCESS at least), `success_ever`, `first_success` (a
+        Spread over those of the action that first reached it); `best` (a Spread of the run's
+        highest coverage); `height` (m, at the end), `height_max`; `actions` (used), `moved` and
+        `hanging_max` (see `displaced`), `dual`, `overstretch_max`, `broken`, `idle`, `empty`,
+        `ended` (how many by status), `wall` (s).
     """
     improvements: dict[str, Any] = {}
     for count in counts:
@@ -228,7 +233,8 @@ def after(values: list[float], count: int) -> float:
 def improvement(coverages: list[float], count: int) -> float | None:
     """Normalised improvement after `count` actions: the share of what the start lacked that was gained.
 
-    (c - c0) / (1 - c0): 1 is flat, 0 no better than the start, below 0 worse. None where the start lacks nothing.
+    (c - c0) / (1 - c0): 1 is flat, 0 no better than the start, below 0 worse. None where the start
+    lacks nothing.
     """
     first = coverages[0]
     if 1.0 - first < _LEAST_ROOM:

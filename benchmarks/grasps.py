@@ -18,8 +18,8 @@ from unwrinkle.benchmarks.report import Progress
 from unwrinkle.models.errors import InputError
 from unwrinkle.simulation.cloth.cloth import ClothError
 
-#: Grasps of five states, one attempt each (Sun et al. 2016, Robot vision architecture for autonomous clothes
-#: manipulation, arXiv 1610.05824, Fig. 6).
+#: Grasps of five states, one attempt each (Sun et al. 2016, Robot vision architecture for
+#: autonomous clothes manipulation, arXiv 1610.05824, Fig. 6).
 PUBLISHED = (4, 5)
 _SEEDS, _QUICK_STATES = 10, 3
 _MOST_ROUNDS = 5  # in which other starts are taken for those that cannot be made

@@ -77,7 +77,10 @@ def cell_figures(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
 def paired(
     runs: Sequence[dict[str, Any]], default: Sequence[dict[str, Any]]
 ) -> dict[str, Any] | None:
-    """How many actions more than the default's on the same starts: mean and interval; None without a common start."""
+    """How many actions more than the default's on the same starts: mean and interval.
+
+    None without a common start.
+    """
     of = {run["settings"]["seed"]: run["actions"] for run in default}
     more = [
         run["actions"] - of[run["settings"]["seed"]]
@@ -94,7 +97,10 @@ def table(results: dict[str, Any]) -> str:
 
 
 def plot(results: dict[str, Any], path: Path) -> None:
-    """Draw a panel for each lever: each value's runs, their mean and its interval, beside the default's."""
+    """Draw a panel for each lever.
+
+    Each value's runs, their mean and its interval, beside the default's.
+    """
     cells = results["cells"]
     panels: list[tuple[str, str]] = []
     for cell in cells:

@@ -36,7 +36,10 @@ _HOLDS = 0.1
 
 
 def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
-    """Run the first plan of the default towel in each form; smaller pictures and no closed loop if quick."""
+    """Run the first plan of the default towel in each form.
+
+    Smaller pictures and no closed loop if quick.
+    """
     scenario = load_scenario()
     if quick:
         scenario.sensor.scale = 0.25
@@ -151,8 +154,9 @@ def _stops(plan: FlatteningPlan, cell: Cell, rate: float) -> list[float]:
 def _stopping(plan: FlatteningPlan, cell: Cell, rate: float) -> dict[str, list[float]]:
     """Time and way of the tips from a stop to rest, for stops all over a plan: s and m.
 
-    A hold comes after the points that are on their way (`lead`), brakes along the path, and is seen by the axes a delay later.
-    A stop of all groups empties the queues; the axes run what is under way in the delay, then brake by themselves.
+    A hold comes after the points that are on their way (`lead`), brakes along the path, and is seen
+    by the axes a delay later. A stop of all groups empties the queues; the axes run what is under
+    way in the delay, then brake by themselves.
     """
     limits, site, settings = (
         StreamLimits.of(cell.limits),

@@ -1,4 +1,7 @@
-"""Dual-arm planning on a fixed, seeded set of targets: success, reasons, times, margins, verdicts."""
+"""Dual-arm planning on a fixed, seeded set of targets.
+
+Success, reasons, times, margins, verdicts.
+"""
 
 import dataclasses as dc
 import time
@@ -35,7 +38,8 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
     """Plan and verify every task, at catalogue speed and at the site's, with the turn-table fixed, and with jerk bounded by
     ruckig; then the baselines.
 
-    Targets with a grasp or put-down point beside the table are refused by design, counted, and left out of the fractions.
+    Targets with a grasp or put-down point beside the table are refused by design, counted, and left
+    out of the fractions.
     """
     cell = load_cell()
     everything = tasks(seed, quick=quick)
@@ -163,7 +167,10 @@ def _measure(planner: _CpuTimedPlanner, cell: Cell, target: FlatteningTarget) ->
 
 
 def optimum(result: PlanResult, limits: Limits) -> tuple[float, float]:
-    """Least times without a jerk limit of a plan's paths, with the same stops: curved pieces (toppra) and straight lines, s."""
+    """Least times without a jerk limit of a plan's paths, with the same stops.
+
+    Curved pieces (toppra) and straight lines, s.
+    """
     curved = sum(
         jerk_free_time(piece.path, limits, limits.tip_speed_holding if i == 1 else None)
         for i, piece in enumerate(result.pieces)

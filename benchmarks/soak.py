@@ -35,15 +35,17 @@ def soak(folder: Path, count: int, seed: int, progress: Progress) -> dict[str, A
     """Play so many cycles.
 
     Args:
-        folder: of the results, which are written as they come, and of the logs of cycles that failed.
+        folder: of the results, which are written as they come, and of the logs of cycles that
+            failed.
         count: of the cycles.
         seed: of every random choice.
         progress: is told the kind of fault.
 
     Returns:
-        `cycles`, `failed` (those that did not keep a promise), `limit_violations`, `moved_before_command` (greatest angle,
-        rad), `left` (cycles after which increments were left in the queues), `points` sent, `changes` (of override,
-        holds), `kinds` (per kind of fault: cycles, ended as promised, recovered) and `seconds` (of a cycle: median, worst).
+        `cycles`, `failed` (those that did not keep a promise), `limit_violations`,
+        `moved_before_command` (greatest angle, rad), `left` (cycles after which increments were
+        left in the queues), `points` sent, `changes` (of override, holds), `kinds` (per kind of
+        fault: cycles, ended as promised, recovered) and `seconds` (of a cycle: median, worst).
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"seed-{seed}-{source_digest()[:12]}.jsonl"

@@ -1,4 +1,7 @@
-"""`unwrinkle bench stereo`: pairs of 16 megapixels to range maps: time, memory, error, and rivals."""
+"""`unwrinkle bench stereo`: pairs of 16 megapixels to range maps.
+
+Time, memory, error, and rivals.
+"""
 
 from __future__ import annotations
 

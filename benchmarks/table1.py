@@ -14,12 +14,13 @@ from unwrinkle.benchmarks._run_figures import run_figures
 from unwrinkle.benchmarks._statistics import wilson
 from unwrinkle.benchmarks.report import Progress
 
-#: The two readings of the published directions: wrinkles about the robot's forward axis, and about its lateral one; degrees
-#: from the world's x of the way across a wrinkle whose direction is 0.
+#: The two readings of the published directions: wrinkles about the robot's forward axis, and about
+#: its lateral one; degrees from the world's x of the way across a wrinkle whose direction is 0.
 READINGS = {"forward": 0.0, "lateral": 90.0}
 #: Those that are run; `bench plans` plans motions in both.
 RUN = ("forward",)
-#: Published over all directions (Sun et al., ICRA 2015, Table I); one direction had no dual-arm plan at all.
+#: Published over all directions (Sun et al., ICRA 2015, Table I); one direction had no dual-arm
+#: plan at all.
 PUBLISHED = {"rni_mean": 1.0, "dual_success": 0.85, "dual_least": 0.0, "grasp_success": 1.0}
 _REPEATS = 5
 _ACTIONS = 10
@@ -86,8 +87,8 @@ def _row(reading: str, direction: float, repeat: int, seed: int, *, quick: bool)
 def figures(runs: list[dict[str, Any]]) -> dict[str, Any]:
     """The figures of some runs: those of `run_figures`, and others.
 
-    `dual_success` is the share of first actions that were planned, verified and carried out with two arms;
-    `grasp_success` that of all actions in which both grippers got hold of cloth.
+    `dual_success` is the share of first actions that were planned, verified and carried out with
+    two arms; `grasp_success` that of all actions in which both grippers got hold of cloth.
     """
     found = run_figures(runs)
     dual = sum(run["looks"][0]["arms"] == 2 for run in runs)

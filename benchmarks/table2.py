@@ -18,9 +18,11 @@ _XTION = {"kind": "depth", "depth_camera": "xtion"}
 _STEREO = {"kind": "stereo"}
 #: The published rule: the largest wrinkle first, pulled by its own slack.
 _GREEDY = {"order": "volume", "section": "centre", "pull": "wrinkle"}
-#: The rule that the levers found better: the section that crosses most, pulled by all the slack along it.
+#: The rule that the levers found better: the section that crosses most, pulled by all the slack
+#: along it.
 _TOGETHER = {"order": "together", "section": "centre", "pull": "section"}
-#: What a cell of the table changes in the scenario. Its runs with two arms fall back to one where there is no motion for two.
+#: What a cell of the table changes in the scenario. Its runs with two arms fall back to one where
+#: there is no motion for two.
 CELLS: dict[str, dict[str, Any]] = {
     "dual_stereo": {"loop": {"arms": "any", **_GREEDY}, "sensor": _STEREO},
     "single_stereo": {"loop": {"arms": "single", **_GREEDY}, "sensor": _STEREO},
@@ -32,7 +34,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "dual_stereo_together": {"loop": {"arms": "any", **_TOGETHER}, "sensor": _STEREO},
 }
 _ALL = CELLS | OPTIONS
-#: Published required number of iterations, mean and standard deviation, and dual-arm plans (Sun et al., ICRA 2015, Table II).
+#: Published required number of iterations, mean and standard deviation, and dual-arm plans (Sun et
+#: al., ICRA 2015, Table II).
 PUBLISHED: dict[str, dict[str, Any]] = {
     "dual_stereo": {"rni_mean": 4.7, "rni_std": 0.95, "dual_success": 0.659},
     "single_stereo": {"rni_mean": 8.6, "rni_std": 2.99, "dual_success": None},
@@ -49,7 +52,8 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
 
     Args:
         quick: one start, at most three actions, small pictures.
-        seed: of the first start; each start is a towel bunched by the seed, and the loop's own choices have the same seed.
+        seed: of the first start; each start is a towel bunched by the seed, and the loop's own
+            choices have the same seed.
         progress: told of every finished run.
     """
     starts = range(seed, seed + (1 if quick else _STARTS))
@@ -87,7 +91,8 @@ def _row(cell: str, seed: int, *, quick: bool) -> Row:
 def cell_figures(runs: list[dict[str, Any]]) -> dict[str, Any]:
     """The figures of one cell: those of `run_figures`, and others.
 
-    `rni_truth_*` counts actions until the cloth's highest point was at most 5 mm, over the runs in which it came to that.
+    `rni_truth_*` counts actions until the cloth's highest point was at most 5 mm, over the runs in
+    which it came to that.
     """
     truth = mean_interval([run["rni_truth"] for run in runs if run["rni_truth"] is not None])
     wanted, found = (sum(run[key] for run in runs) for key in ("dual_wanted", "dual_found"))

@@ -1,4 +1,7 @@
-"""`unwrinkle bench trajectories`: ways to time the seven-pose paths of a public set, under one judge."""
+"""`unwrinkle bench trajectories`.
+
+Ways to time the seven-pose paths of a public set, under one judge.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -27,7 +30,8 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
     The set is fixed, and nothing is drawn at random: the seed changes nothing.
 
     Returns:
-        `set`, `judge`, the `headline`, and figures by method: `methods`, `groups`; `optimum`; `rows`, one per path.
+        `set`, `judge`, the `headline`, and figures by method: `methods`, `groups`; `optimum`;
+        `rows`, one per path.
     """
     paths = load_paths()
     names = [path.name for path in paths.paths]
@@ -144,7 +148,10 @@ def _method(rows: list[dict[str, Any]], key: str) -> dict[str, Any]:
 
 
 def _start(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """What the start from toppra's profile does to `optimal`: durations with over without it, and CPU times of both."""
+    """What the start from toppra's profile does to `optimal`.
+
+    Durations with over without it, and CPU times of both.
+    """
     both = [(row["methods"]["ours"], row["methods"]["without_start"]) for row in rows]
     pairs = [(a, b) for a, b in both if not a["failures"] and not b["failures"]]
     ratios = [a["duration"] / b["duration"] for a, b in pairs]

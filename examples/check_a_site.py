@@ -1,6 +1,7 @@
 """Ask every device of a site whether it is there and well; nothing moves.
 
-Run: python examples/check_a_site.py SITE.site.yaml, or without an argument against a virtual controller.
+Run: python examples/check_a_site.py SITE.site.yaml, or without an argument against a virtual
+controller.
 """
 
 import sys

@@ -1,4 +1,7 @@
-"""The decisions: which wrinkle next, with how many arms, plan and verdict, or the reason to stop. No Drake systems."""
+"""The decisions: which wrinkle next, with how many arms, plan and verdict, or the reason to stop.
+
+No Drake systems.
+"""
 
 import lazy_loader
 

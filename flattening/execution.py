@@ -1,4 +1,7 @@
-"""Execution of a confirmed plan: its segments and gripper strokes in order, and the retreat from a missed grasp."""
+"""Execution of a confirmed plan.
+
+Its segments and gripper strokes in order, and the retreat from a missed grasp.
+"""
 
 import logging
 from dataclasses import replace

@@ -1,4 +1,7 @@
-"""The pipeline as one object: capture to observation, observation to a verified plan or the reason why there is none."""
+"""The pipeline as one object.
+
+Capture to observation, observation to a verified plan or the reason why there is none.
+"""
 
 import dataclasses as dc
 from dataclasses import dataclass
@@ -110,7 +113,10 @@ class Proposal:
 
     @property
     def refused(self) -> tuple[str, ...]:
-        """Wrinkles that could not be pulled, each with its reason; a reason for both numbers of arms stands once."""
+        """Wrinkles that could not be pulled, each with its reason.
+
+        A reason for both numbers of arms stands once.
+        """
         return tuple(
             dict.fromkeys(f"wrinkle {item.wrinkle + 1}: {item.reason}" for item in self.refusals)
         )
@@ -139,7 +145,10 @@ def choose(observation: Observation, state: PolicyState, rules: LoopSettings) ->
 def target_for(
     observation: Observation, decision: PullDecision, rules: LoopSettings
 ) -> FlatteningTarget | NoTarget:
-    """Compute the hands' target of a decision: Eq. 5's pull, increased by the gain and the extra of the rules."""
+    """Compute the hands' target of a decision.
+
+    Eq. 5's pull, increased by the gain and the extra of the rules.
+    """
     try:
         target = observation.analysis.target_for(decision.wrinkle.index)
         if isinstance(target, NoTarget):
@@ -177,8 +186,8 @@ def analysis_report(
 class Flattener:
     """Observes a garment and proposes what to do about it, by the rules of the cell's scenario.
 
-    The command line, the closed loop and the benchmarks call it; so a proposal for a capture is the motion that the
-    closed loop would execute after that look.
+    The command line, the closed loop and the benchmarks call it; so a proposal for a capture is the
+    motion that the closed loop would execute after that look.
     """
 
     def __init__(

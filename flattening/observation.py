@@ -58,8 +58,9 @@ class GarmentFeatures(Shared):
     def worth_pulling(self, rules: LoopSettings) -> list[WrinkleFeatures]:
         """Return the wrinkles that are not flat, largest first.
 
-        A wrinkle is not flat if its pull distance reaches the sensor's halting pull, or if it is higher than the
-        halting height of the rules. Heights within the sensor's noise (`rules.noise_multiple`) do not count.
+        A wrinkle is not flat if its pull distance reaches the sensor's halting pull, or if it is
+        higher than the halting height of the rules. Heights within the sensor's noise
+        (`rules.noise_multiple`) do not count.
         """
         halting_height = max(rules.halting_height, rules.noise_multiple * self.noise)
         return [
@@ -71,7 +72,8 @@ class GarmentFeatures(Shared):
     def volumes(self, rules: LoopSettings) -> tuple[float, float]:
         """Return the greatest volume and the sum of the volumes of the wrinkles worth pulling, mm^3.
 
-        Low wrinkles are left out: the sensor's noise makes some and removes others from look to look.
+        Low wrinkles are left out: the sensor's noise makes some and removes others from look to
+        look.
         """
         volumes = [wrinkle.volume for wrinkle in self.worth_pulling(rules)]
         return max(volumes, default=0.0), sum(volumes)
@@ -115,7 +117,10 @@ class Observation(Shared):
         return cls(analysis, features)
 
     def garment(self, wrinkle: int) -> GarmentSurface | None:
-        """Return the garment as a mesh with one of its wrinkles, for a plan's preview; None if too little was seen."""
+        """Return the garment as a mesh with one of its wrinkles, for a plan's preview.
+
+        None if too little was seen.
+        """
         try:
             return garment_of(self.analysis, wrinkle)
         except InputError:

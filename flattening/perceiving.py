@@ -1,4 +1,7 @@
-"""From a capture to an observation: one way for the command line, the library and the closed loop."""
+"""From a capture to an observation.
+
+One way for the command line, the library and the closed loop.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,7 +43,8 @@ def load_stereo_capture(
 
     Args:
         left, right: image files.
-        head: YAML file of the angles that the pair was taken at, which names the head's calibration.
+        head: YAML file of the angles that the pair was taken at, which names the head's
+            calibration.
         cell: with the limits of the head's axes.
 
     Raises:
@@ -62,8 +66,9 @@ def map_of(
 ) -> RangeMap:
     """Compute the range map of the garment on the cell's table.
 
-    A depth image whose camera pose is known is cropped at the table first: from above the floor may fill more of the
-    view than the table does. Without a pose the garment is laid at the scenario's `garment_centre`.
+    A depth image whose camera pose is known is cropped at the table first: from above the floor may
+    fill more of the view than the table does. Without a pose the garment is laid at the scenario's
+    `garment_centre`.
 
     Args:
         capture: depth image, or pair of images.

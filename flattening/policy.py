@@ -1,8 +1,9 @@
 """The policy of the closed loop: which wrinkle next, with how many arms, and when to stop. Pure functions of values.
 
-- Flat: no wrinkle reaches the sensor's halting pull, and none is higher than the scenario's halting height.
-- Wrinkles are pulled in the scenario's order (see `priority`), with two arms first; without a motion for two arms, the
-  next wrinkle; then with one arm, in the same order.
+- Flat: no wrinkle reaches the sensor's halting pull, and none is higher than the scenario's halting
+  height.
+- Wrinkles are pulled in the scenario's order (see `priority`), with two arms first; without a
+  motion for two arms, the next wrinkle; then with one arm, in the same order.
 - After a missed grasp the same wrinkle is tried again a few times, then abandoned.
 - After actions in a row without effect: first the next wrinkle, then one arm, then stop.
 - Abandoned wrinkles count again once an action has had an effect.
@@ -56,7 +57,10 @@ class Stop(Shared):
 
 @dataclass(frozen=True)
 class AbandonedWrinkle(Shared):
-    """A wrinkle that is not pulled any more: its place, with how many arms it was tried, and why it was abandoned."""
+    """A wrinkle that is not pulled any more.
+
+    Its place, with how many arms it was tried, and why it was abandoned.
+    """
 
     centre: tuple[float, float]
     angle: float
@@ -70,7 +74,8 @@ class LastAction(Shared):
 
     Attributes:
         centre, angle, arms: of the wrinkle that was pulled.
-        largest, total: volumes of the wrinkles worth pulling before it, mm^3; see `GarmentFeatures.volumes`.
+        largest, total: volumes of the wrinkles worth pulling before it, mm^3; see
+            `GarmentFeatures.volumes`.
         missed: whether a gripper held no cloth.
         judged: whether its effect was observed already.
     """
@@ -137,8 +142,9 @@ def after_observation(
 ) -> PolicyState:
     """Count an observation, and judge by it what the last action changed.
 
-    An action had an effect if the largest wrinkle, or all wrinkles worth pulling together, have lost at least the share
-    `least_gain` of their volume: of two equal wrinkles one may be gone while the largest is as large as before.
+    An action had an effect if the largest wrinkle, or all wrinkles worth pulling together, have
+    lost at least the share `least_gain` of their volume: of two equal wrinkles one may be gone
+    while the largest is as large as before.
     """
     state = dc.replace(state, looks=state.looks + 1, blind=0)
     last = state.last
@@ -168,8 +174,8 @@ def after_blind_look(
 ) -> tuple[PolicyState, Stop | None]:
     """Count a look without a usable observation, and say whether to stop.
 
-    A sensor that cannot tell a single layer from the table sees nothing of a flat garment. So where it saw a garment
-    that was then pulled, an empty table means a flat garment.
+    A sensor that cannot tell a single layer from the table sees nothing of a flat garment. So where
+    it saw a garment that was then pulled, an empty table means a flat garment.
 
     Args:
         state: before the look.

@@ -2,9 +2,10 @@
 
 - `volume`: largest volume first (Eq. 4), the published rule.
 - `pull`, `height`, `length`: longest pull distance, greatest height, or greatest length first.
-- `together`: first the wrinkle whose section, along which the hands pull, crosses the most volume: the sum over all wrinkles
-  that it crosses of the volume times cos^2 of the angle between the section and the direction across that wrinkle. A
-  pull along the section removes slack from all of them at once.
+- `together`: first the wrinkle whose section, along which the hands pull, crosses the most volume:
+  the sum over all wrinkles that it crosses of the volume times cos^2 of the angle between the
+  section and the direction across that wrinkle. A pull along the section removes slack from all of
+  them at once.
 """
 
 from collections.abc import Iterable, Sequence
@@ -40,7 +41,10 @@ def in_order(wrinkles: Iterable[_Seen], order: str) -> list[_Seen]:
 
 
 def highest_part(wrinkle: Wrinkle) -> float:
-    """Return the height of the highest part of a ridge above its feet, m: a wrinkle that reaches the rim is highest there."""
+    """Return the height of the highest part of a ridge above its feet, m.
+
+    A wrinkle that reaches the rim is highest there.
+    """
     crest = wrinkle.crests[:, 2]
     return wrinkle.peak_height + float(np.percentile(crest, HIGHEST) - np.median(crest))
 
@@ -53,7 +57,8 @@ def flattened_together(wrinkles: Sequence[Wrinkle], section: str = "centre") -> 
         section: place of the section, see `targeting.section_place`.
 
     Returns:
-        Volumes, each times cos^2 of the angle between the section and the direction across that wrinkle.
+        Volumes, each times cos^2 of the angle between the section and the direction across that
+        wrinkle.
     """
     volumes = np.exp([wrinkle.volume_score for wrinkle in wrinkles])
     return [
@@ -63,7 +68,10 @@ def flattened_together(wrinkles: Sequence[Wrinkle], section: str = "centre") -> 
 
 
 def _share(pulled: Wrinkle, other: Wrinkle, section: str) -> float:
-    """Return cos^2 of the angle between a wrinkle's section and the direction across another; 0 if they do not cross."""
+    """Return cos^2 of the angle between a wrinkle's section and the direction across another.
+
+    0 if they do not cross.
+    """
     if other is pulled:
         return 1.0
     start = section_start(pulled, section_place(pulled, section))[:2]

@@ -60,7 +60,8 @@ class SupervisorSettings:
         answer: for perception, planning, verification and the controller to answer by number.
         gripper: for both grippers to have finished a stroke.
         motion: a segment may take this many times its duration, and `answer` more.
-        start: largest distance of an axis from a segment's first sample, rad; the controller has its own.
+        start: largest distance of an axis from a segment's first sample, rad; the controller has
+            its own.
         rest_speed: an axis slower than this is at rest, rad/s.
         replans: greatest number of new plans for one wrinkle because the robot had moved.
         speed: share of the planned speed, 0 to 1.

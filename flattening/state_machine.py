@@ -1,4 +1,7 @@
-"""The state machine of the closed loop: the next supervisor state from the present one and the station's feedback."""
+"""The state machine of the closed loop.
+
+The next supervisor state from the present one and the station's feedback.
+"""
 
 import logging
 from collections.abc import Callable
@@ -26,7 +29,8 @@ from unwrinkle.perception.stereo.head import Gaze
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification.verdict import Verdict
 
-#: Gaze at a point (3,) of the world with the turn-table at an angle (rad); InputError where no eye can look there.
+#: Gaze at a point (3,) of the world with the turn-table at an angle (rad); InputError where no eye
+#: can look there.
 GazeAt = Callable[[np.ndarray, float], Gaze]
 #: Asks the operator about a verified plan; returns why it must not be executed, or an empty text.
 Approve = Callable[[FlatteningPlan, Verdict], str]

@@ -24,8 +24,9 @@ output                          type                   meaning
 `depth_camera.image`            `DepthImage`           of the last exposure
 ==============================  =====================  ===========================================
 
-Commands carry a number that their sender counts up; a command with a known number is ignored. Images do not change
-until the next exposure, so that everything computed from them is computed once.
+Commands carry a number that their sender counts up; a command with a known number is ignored.
+Images do not change until the next exposure, so that everything computed from them is computed
+once.
 """
 
 from dataclasses import dataclass, field

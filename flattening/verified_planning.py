@@ -1,4 +1,7 @@
-"""Plan, verify, and try the next motion where the verification refuses one: how every caller comes by a plan."""
+"""Plan, verify, and try the next motion where the verification refuses one.
+
+How every caller comes by a plan.
+"""
 
 from dataclasses import dataclass
 
@@ -49,8 +52,8 @@ def plan_verified(
 ) -> VerifiedResult:
     """Plan a motion that passes its verification.
 
-    Planner and verification know nothing of each other; a plan that the verification refuses is followed by the planner's next
-    motion, within the planner's time budget.
+    Planner and verification know nothing of each other; a plan that the verification refuses is
+    followed by the planner's next motion, within the planner's time budget.
 
     Args:
         planner: of the cell.

@@ -38,7 +38,8 @@ def load_blades() -> Blades:
     """Read the blades from `gripper.urdf`.
 
     Raises:
-        InputError: the description lacks the tips' boxes or the frame `tcp`, or the blades do not meet.
+        InputError: the description lacks the tips' boxes or the frame `tcp`, or the blades do not
+            meet.
     """
     path = models_dir() / "gripper.urdf"
     root = ElementTree.parse(path).getroot()

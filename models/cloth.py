@@ -28,8 +28,9 @@ _RANGES = {
 class ClothMaterial:
     """The mechanics of a cloth as a thin, isotropic sheet.
 
-    Bending is an elastic part beside an elasto-plastic one: moment per length = bending * k + m, where
-    m follows plastic_bending * (k - k0) up to plastic_bending * yield_curvature and then slips.
+    Bending is an elastic part beside an elasto-plastic one: moment per length = bending * k + m,
+    where m follows plastic_bending * (k - k0) up to plastic_bending * yield_curvature and then
+    slips.
 
     Attributes:
         name: the file's name without its ending.

@@ -114,7 +114,8 @@ def load_limits(path: Path) -> Limits:
     """Read limits.yaml.
 
     Raises:
-        InputError: missing file, unknown or missing key, an axis missing, a limit that is not positive.
+        InputError: missing file, unknown or missing key, an axis missing, a limit that is not
+            positive.
     """
     file = load_yaml(path, LimitsFile)
     if sorted(file.arm) != sorted(ARM_AXES) or list(file.turntable) != ["ext_axis"]:

@@ -27,7 +27,8 @@ from unwrinkle.models.limits import Limits, load_limits
 from unwrinkle.models.scenario import Scenario, load_scenario, resolve
 from unwrinkle.models.table import Table
 
-#: Greatest difference of a direction cosine from 1 at which the table counts as aligned with the world's axes: 1.4 mrad.
+#: Greatest difference of a direction cosine from 1 at which the table counts as aligned with the
+#: world's axes: 1.4 mrad.
 _ALONG_AXES = 1e-6
 
 
@@ -73,7 +74,8 @@ class RobotDescription:
     tcp_offset: float = math.nan
     turntable_axis: int = -1
     arms: list[ArmDescription] = field(default_factory=list)
-    # Links with a clearance of their own from the working table, by name within a gripper's model instance.
+    # Links with a clearance of their own from the working table, by name within a gripper's model
+    # instance.
     palm: str = ""
     fingers: list[str] = field(default_factory=list)
     # Pairs of links (scoped names) that are near in every posture and need no clearance.
@@ -87,7 +89,10 @@ class RobotDescription:
         return list(dict.fromkeys(scoped(name)[0] for name in joints))
 
     def arm_of(self, instance: str) -> int | None:
-        """Index of the arm that a model instance belongs to; None if it belongs to no arm or gripper."""
+        """Index of the arm that a model instance belongs to.
+
+        None if it belongs to no arm or gripper.
+        """
         for i, arm in enumerate(self.arms):
             if instance in (arm.model, arm.gripper):
                 return i
@@ -147,7 +152,10 @@ class Cell:
 
     @cached_property
     def table_pose(self) -> NDArray[np.float64]:
-        """Pose (4, 4) in the world of the working table's top surface: origin at its centre, z up, m."""
+        """Pose (4, 4) in the world of the working table's top surface.
+
+        Origin at its centre, z up, m.
+        """
         plant = build_robot_diagram(self).plant()
         instance, name = scoped(self.scenario.table.frame)
         frame = plant.GetFrameByName(name, plant.GetModelInstanceByName(instance))

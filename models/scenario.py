@@ -49,7 +49,10 @@ class GripperSettings:
 
 @dc.dataclass
 class Clearances:
-    """Least distances between bodies, in m. Which links are palm and fingers is stated in robot.yaml."""
+    """Least distances between bodies, in m.
+
+    Which links are palm and fingers is stated in robot.yaml.
+    """
 
     arm_arm: float = 0.030
     arm_table: float = 0.020
@@ -63,13 +66,15 @@ class Clearances:
 class ToolSettings:
     """Limits of the tools at the working table, checked by the verification for every plan."""
 
-    # Greatest height of a tool centre point above the table while it holds cloth, in m: cloth is dragged, not lifted off.
+    # Greatest height of a tool centre point above the table while it holds cloth, in m: cloth is
+    # dragged, not lifted off.
     holding_height: float = 0.030
     # Height below which open fingers keep the two speeds below, in m.
     near_table: float = 0.010
     # Greatest speed of open fingers along the table, in m/s: cloth is pushed, not thrown.
     sliding_speed: float = 0.70
-    # Greatest speed of open fingers towards the table, in m/s: they stop a few millimetres above it.
+    # Greatest speed of open fingers towards the table, in m/s: they stop a few millimetres above
+    # it.
     sinking_speed: float = 0.50
 
 
@@ -85,8 +90,9 @@ class PlannerOptions:
 class TimingSettings:
     """How motions are timed."""
 
-    # How jerk is bounded along curved paths, from toppra's profile on: optimal (an interior-point programme), or ruckig
-    # (one-axis ruckig along the path, slower motions). Straight joint lines are ruckig's.
+    # How jerk is bounded along curved paths, from toppra's profile on: optimal (an interior-point
+    # programme), or ruckig (one-axis ruckig along the path, slower motions). Straight joint lines
+    # are ruckig's.
     smoothing: str = "optimal"
 
 
@@ -94,13 +100,15 @@ class TimingSettings:
 class SensorSettings:
     """Sensor of the closed loop."""
 
-    # stereo (the head), depth (the depth camera), or truth: the simulated cloth itself with the noise of the head.
+    # stereo (the head), depth (the depth camera), or truth: the simulated cloth itself with the
+    # noise of the head.
     kind: str = "stereo"
     # Size of the head's pictures: 1 (16 megapixels), 0.5, 0.25 or 0.125.
     scale: float = 0.5
     # Factor on the noise of the head's cameras: 1 is the sensors' noise, 0 none.
     noise: float = 1.0
-    # The depth camera: model (see simulation), and its pose in the world: place in m, the image's top away from the robot.
+    # The depth camera: model (see simulation), and its pose in the world: place in m, the image's
+    # top away from the robot.
     depth_camera: str = "xtion"
     depth_camera_place: list[float] = dc.field(default_factory=lambda: [0.0, -1.10, 1.80])
 
@@ -115,38 +123,45 @@ class LoopSettings:
     arms: str = "any"
     # Reading of Eq. 5: foot, paper, or between (their mean).
     mode: str = "foot"
-    # Which wrinkle comes first: the one with the largest volume, pull, height or length, or the one whose section crosses
-    # most of all wrinkles together.
+    # Which wrinkle comes first: the one with the largest volume, pull, height or length, or the one
+    # whose section crosses most of all wrinkles together.
     order: str = "volume"
     # Where the section goes through the wrinkle: its centre, or its highest part.
     section: str = "centre"
     # What is pulled out: the slack of the wrinkle (Eq. 5), or all that the section crosses.
     pull: str = "wrinkle"
-    # Each hand pulls the wrinkle's distance of Eq. 5 times the gain, plus the extra, in m: cloth slides and stretches.
+    # Each hand pulls the wrinkle's distance of Eq. 5 times the gain, plus the extra, in m: cloth
+    # slides and stretches.
     pull_gain: float = 1.2
     pull_extra: float = 0.004
-    # A wrinkle higher than this is pulled even if its pull is below the sensor's halting pull; m. The sensor's own noise
-    # bounds it from below.
+    # A wrinkle higher than this is pulled even if its pull is below the sensor's halting pull; m.
+    # The sensor's own noise bounds it from below.
     halting_height: float = 0.004
-    # An action that reduces the largest wrinkle's score by less than this share counts as without effect.
+    # An action that reduces the largest wrinkle's score by less than this share counts as without
+    # effect.
     least_gain: float = 0.10
     # Attempts at a grasp that misses, before the next wrinkle.
     grasp_attempts: int = 2
-    # Actions in a row without effect, after which the wrinkle is abandoned; only one arm pulls; the loop stops.
+    # Actions in a row without effect, after which the wrinkle is abandoned; only one arm pulls; the
+    # loop stops.
     idle_next_wrinkle: int = 2
     idle_one_arm: int = 3
     idle_stop: int = 4
     # Looks in a row without a usable observation, after which the loop stops.
     blind_looks: int = 2
-    # Greatest thickness of one layer of a garment, m: a sensor that resolves no less sees nothing of a flat garment.
+    # Greatest thickness of one layer of a garment, m: a sensor that resolves no less sees nothing
+    # of a flat garment.
     thickest_layer: float = 0.003
-    # A garment with more than this share of its visible area beyond the table's edges is not pulled.
+    # A garment with more than this share of its visible area beyond the table's edges is not
+    # pulled.
     most_beyond_table: float = 0.5
-    # A garment with more than this share of its outline along the table's edges hangs over them and is not flat.
+    # A garment with more than this share of its outline along the table's edges hangs over them and
+    # is not flat.
     most_along_edge: float = 0.22
     # Heights within this multiple of the sensor's standard deviation are no reason to pull.
     noise_multiple: float = 2.0
-    # Two looks show the same wrinkle if its centre moved less than this, m, and it turned less than this, rad.
+    # Two looks show the same wrinkle if its centre moved less than this, m, and it turned less than
+    # this, rad.
     same_wrinkle_distance: float = 0.05
     same_wrinkle_angle: float = 0.6
 

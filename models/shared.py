@@ -6,7 +6,8 @@ from typing import Any, Self
 class Shared:
     """Base of frozen values: a copy or a deep copy is the value itself.
 
-    Drake deep-copies the abstract values of a diagram's state at every update, and those of ports where they are read.
+    Drake deep-copies the abstract values of a diagram's state at every update, and those of ports
+    where they are read.
     """
 
     def __copy__(self) -> Self:

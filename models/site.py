@@ -16,39 +16,45 @@ CAMERAS = ("none", "folder", "watch", "opencv", "gphoto2", "openni2")
 GROUPS = ("r1", "r2", "ext_axis")
 #: Greatest latency that a site may state, s.
 LONGEST_LATENCY = 1.0
-#: Encoder pulses of the turn-table and of an arm's S, L, U, R, B, T, 1/rad: what 30 pulses are on the real controller
-#: (0.31; 0.365, 0.40, 0.38, 0.53, 0.64, 1.49 mrad). ASSUMED for the turn-table.
+#: Encoder pulses of the turn-table and of an arm's S, L, U, R, B, T, 1/rad: what 30 pulses are on
+#: the real controller (0.31; 0.365, 0.40, 0.38, 0.53, 0.64, 1.49 mrad). ASSUMED for the turn-table.
 PULSES_PER_RADIAN = (96774.0, 82192.0, 75000.0, 78947.0, 56604.0, 46875.0, 20134.0)
 
 
 @dc.dataclass
 class ControllerSite:
-    """Addresses and parameters of the robot's controller and its driver. Times in s, angles in rad."""
+    """Addresses and parameters of the robot's controller and its driver.
+
+    Times in s, angles in rad.
+    """
 
     host: str = "127.0.0.1"
     motion_port: int = 50240
     state_port: int = 50241
-    # Asked only where the grippers are the controller's outputs; no firmware before MotoROS 1.6.0 has it.
+    # Asked only where the grippers are the controller's outputs; no firmware before MotoROS 1.6.0
+    # has it.
     io_port: int = 50242
-    # groups: one JOINT_TRAJ_PT_FULL per group (the CloPeMa controller of 2013). ex: one JOINT_TRAJ_PT_FULL_EX for all.
+    # groups: one JOINT_TRAJ_PT_FULL per group (the CloPeMa controller of 2013). ex: one
+    # JOINT_TRAJ_PT_FULL_EX for all.
     profile: str = "groups"
-    # Command 200103 of the CloPeMa controller: off, start (before a trajectory's first point) or each (before every point).
-    # ASSUMED off: stock controllers do not know it.
+    # Command 200103 of the CloPeMa controller: off, start (before a trajectory's first point) or
+    # each (before every point). ASSUMED off: stock controllers do not know it.
     synchro: str = "off"
     # What the controller's groups 0, 1, 2 are. From the CloPeMa client.
     groups: list[str] = field(default_factory=lambda: ["r1", "r2", "ext_axis"])
-    # Groups that the firmware moves. It takes points of the others and drops them: MotoROS as published moves r1 and r2
-    # alone on a DX100. ASSUMED: all three, as CloPeMa's.
+    # Groups that the firmware moves. It takes points of the others and drops them: MotoROS as
+    # published moves r1 and r2 alone on a DX100. ASSUMED: all three, as CloPeMa's.
     groups_moved: list[str] = field(default_factory=lambda: ["r1", "r2", "ext_axis"])
-    # Share of an axis' speed above which the controller refuses a point (its speed governor, parameter RCnG147).
-    # ASSUMED: 0.4, of CloPeMa's own parameter file.
+    # Share of an axis' speed above which the controller refuses a point (its speed governor,
+    # parameter RCnG147). ASSUMED: 0.4, of CloPeMa's own parameter file.
     speed_cap: float = 0.4
-    # differences of positions, or as reported: feedback of controllers before MotoROS 1.8.0 is scaled wrongly.
+    # differences of positions, or as reported: feedback of controllers before MotoROS 1.8.0 is
+    # scaled wrongly.
     velocities: str = "differences"
     connect_timeout: float = 3.0
     reply_timeout: float = 0.5
-    # A point is sent again after busy_retry, for at most busy_limit. The controller is busy for up to one interpolation
-    # period after every point.
+    # A point is sent again after busy_retry, for at most busy_limit. The controller is busy for up
+    # to one interpolation period after every point.
     busy_retry: float = 0.002
     busy_limit: float = 2.0
     # Servo on, and the INFORM job ready.
@@ -58,28 +64,33 @@ class ControllerSite:
     # Feedback older than this: hold; older than that: fault.
     hold_after: float = 0.10
     fault_after: float = 0.25
-    # Greatest permitted delay between a point's time and its appearance in the feedback. ASSUMED: 0.15 s were
-    # measured on a DX100, 0.25 s on a DX200 (ros-industrial/motoman issues 219, 252).
+    # Greatest permitted delay between a point's time and its appearance in the feedback. ASSUMED:
+    # 0.15 s were measured on a DX100, 0.25 s on a DX200 (ros-industrial/motoman issues 219, 252).
     latency: float = 0.25
     # Largest distance of an axis from its path, the lag taken out. ASSUMED.
     following: float = 0.02
-    # Largest distance of an axis from a trajectory's first sample: start_tolerance, and the controller's own, in pulses
-    # (30; 10 before MotoROS 1.8.2). Pulses of a radian: turn-table, then S, L, U, R, B, T of both arms.
+    # Largest distance of an axis from a trajectory's first sample: start_tolerance, and the
+    # controller's own, in pulses (30; 10 before MotoROS 1.8.2). Pulses of a radian: turn-table,
+    # then S, L, U, R, B, T of both arms.
     start_tolerance: float = 3e-4
     start_pulses: float = 30.0
     pulses_per_radian: list[float] = field(default_factory=lambda: list(PULSES_PER_RADIAN))
-    # Streaming horizon: points are sent this far ahead. Also the longest host delay tolerated, and the motion that a hold
-    # cannot cancel.
+    # Streaming horizon: points are sent this far ahead. Also the longest host delay tolerated, and
+    # the motion that a hold cannot cancel.
     lead: float = 0.12
     # A poll of the driver that comes later than this is late; so many late ones are a fault.
     late: float = 0.05
     late_budget: int = 20
-    # Rest between two trajectories; multi-group controllers need 0.3 s (ros-industrial/motoman issue 185).
+    # Rest between two trajectories; multi-group controllers need 0.3 s (ros-industrial/motoman
+    # issue 185).
     pause: float = 0.3
 
     @property
     def start_tolerances(self) -> list[float]:
-        """Largest distance of each axis from a trajectory's first sample, (13,) rad: turn-table, right arm, left arm."""
+        """Largest distance of each axis from a trajectory's first sample, (13,) rad.
+
+        Turn-table, right arm, left arm.
+        """
         each = [
             min(self.start_tolerance, self.start_pulses / pulses)
             for pulses in self.pulses_per_radian
@@ -93,13 +104,15 @@ class GripperSite:
 
     # digital (outputs of the controller), can, or none.
     kind: str = "none"
-    # digital: address of the output that closes, of the inputs that say closed and holding cloth (0: there is none), and
-    # whether the output is inverted. ASSUMED: the addresses of the CloPeMa cell are not public.
+    # digital: address of the output that closes, of the inputs that say closed and holding cloth
+    # (0: there is none), and whether the output is inverted. ASSUMED: the addresses of the CloPeMa
+    # cell are not public.
     close_output: list[int] = field(default_factory=lambda: [10010, 10011])
     closed_input: list[int] = field(default_factory=lambda: [0, 0])
     holding_input: list[int] = field(default_factory=lambda: [0, 0])
     inverted: list[bool] = field(default_factory=lambda: [True, True])
-    # can: python-can's interface and channel; limb codes from the CloPeMa gripper's protocol (1 right, 0 left).
+    # can: python-can's interface and channel; limb codes from the CloPeMa gripper's protocol (1
+    # right, 0 left).
     interface: str = "pcan"
     channel: str = "PCAN_USBBUS1"
     bitrate: int = 1000000
@@ -131,11 +144,13 @@ class CameraSite:
 
     # none, folder (pairs in order), watch (the newest pair), opencv, gphoto2 or openni2.
     kind: str = "none"
-    # folder, watch: where left*.png and right*.png appear. opencv: device numbers or addresses. gphoto2: USB ports.
+    # folder, watch: where left*.png and right*.png appear. opencv: device numbers or addresses.
+    # gphoto2: USB ports.
     left: str = ""
     right: str = ""
     folder: str = ""
-    # Timeout of one exposure of the pair, s; attempts at it; greatest time between the two eyes' exposures, s.
+    # Timeout of one exposure of the pair, s; attempts at it; greatest time between the two eyes'
+    # exposures, s.
     timeout: float = 20.0
     attempts: int = 2
     skew: float = 1.0
@@ -143,14 +158,19 @@ class CameraSite:
 
 @dc.dataclass
 class Site:
-    """One laboratory's equipment; see models/data/sites/example.site.yaml for the meaning of every key."""
+    """One laboratory's equipment.
+
+    See models/data/sites/example.site.yaml for the meaning of every key.
+    """
 
     name: str = "unnamed"
     # The cell's scenario (robot, tables, clearances); empty: the shipped one.
     scenario: str = ""
-    # Speed fraction of what is executed, of the limits; the first run of a plan is slower under commissioning.
+    # Speed fraction of what is executed, of the limits; the first run of a plan is slower under
+    # commissioning.
     speed: float = 0.2
-    # Commissioning: tips at most 0.25 m/s, doubled clearances, the first run of a plan at 10 %, a dead-man key.
+    # Commissioning: tips at most 0.25 m/s, doubled clearances, the first run of a plan at 10 %, a
+    # dead-man key.
     commissioning: bool = True
     # The head's calibration, its greatest age in days, and the greatest residual in pixels.
     calibration: str = ""

@@ -49,7 +49,10 @@ class Table:
         return np.asarray(np.any(np.abs(np.asarray(points) - self.centre) > half, axis=-1))
 
     def overhang(self, point: Array, inset: float = 0.0) -> float:
-        """Measure how far (x, y) lies outside the top, less a rim of width `inset`, m; 0 if inside."""
+        """Measure how far (x, y) lies outside the top, less a rim of width `inset`, m.
+
+        0 if inside.
+        """
         half = 0.5 * np.asarray(self.size) - inset
         beyond = np.abs(np.asarray(point) - np.asarray(self.centre)) - half
         return float(np.hypot(*np.maximum(beyond, 0.0)))

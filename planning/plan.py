@@ -1,4 +1,7 @@
-"""The flattening plan as a value: three segments and two gripper events on one clock, with a content hash."""
+"""The flattening plan as a value.
+
+Three segments and two gripper events on one clock, with a content hash.
+"""
 
 import hashlib
 import json
@@ -29,7 +32,8 @@ from unwrinkle.planning.trajectory import Trajectory
 
 FORMAT = "unwrinkle-plan"
 VERSION = 1
-#: Size limit of all arrays of a plan file, bytes; a plan of 20 000 samples has 5 MB, a garment's surface some more.
+#: Size limit of all arrays of a plan file, bytes; a plan of 20 000 samples has 5 MB, a garment's
+#: surface some more.
 MOST_BYTES = 64 << 20
 _SAMPLES = ("times", "positions", "velocities")
 _MEMBERS = (
@@ -209,7 +213,8 @@ class FlatteningPlan:
         """Read a plan and check its hash.
 
         Raises:
-            InputError: the file is missing, damaged, no plan, of another version, or its content does not match its hash.
+            InputError: the file is missing, damaged, no plan, of another version, or its content
+                does not match its hash.
         """
         header, arrays = load_archive(path, _MEMBERS, MOST_BYTES)
         if header.get("format") != FORMAT:
@@ -271,7 +276,10 @@ class FlatteningPlan:
 
 
 def _plain(value: Any) -> Any:
-    """Convert numbers, also those in a dictionary, to the floats that reading a file gives; keep other values."""
+    """Convert numbers, also those in a dictionary, to the floats that reading a file gives.
+
+    Keep other values.
+    """
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     number_ = isinstance(value, int | float | np.number) and not isinstance(value, bool)

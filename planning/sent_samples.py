@@ -1,7 +1,8 @@
 """Rounding of a trajectory to what the controller receives: whole milliseconds, positions and velocities as float32.
 
-Every controller profile carries positions (rad) and velocities (rad/s) as float32, and truncates point times to whole milliseconds
-(MotoROS 1.9.12, `MotionServer.c:2094`). The driver sends (ms + 0.4) / 1000 as float32, which truncates to the same ms.
+Every controller profile carries positions (rad) and velocities (rad/s) as float32, and truncates
+point times to whole milliseconds (MotoROS 1.9.12, `MotionServer.c:2094`). The driver sends (ms +
+0.4) / 1000 as float32, which truncates to the same ms.
 """
 
 import numpy as np
@@ -14,7 +15,8 @@ from unwrinkle.planning.trajectory import Trajectory
 MILLISECONDS = 1000.0
 #: A time counts as a whole millisecond if it differs from one by at most this, s.
 WHOLE = 1e-9
-#: Longest trajectory, s: from 8192 s on, (ms + 0.4) / 1000 as float32 no longer truncates to the ms.
+#: Longest trajectory, s: from 8192 s on, (ms + 0.4) / 1000 as float32 no longer truncates to the
+#: ms.
 LONGEST = 8000.0
 
 
@@ -44,9 +46,10 @@ def as_float32(values: Array) -> Array:
 def as_sent(trajectory: Trajectory) -> Trajectory:
     """Round a trajectory as the controller does; a rounded one is returned unchanged in value.
 
-    Samples at whole milliseconds keep their positions and velocities, apart from the rounding to float32. If a time is no
-    whole millisecond, the cubic is resampled at the nearest whole milliseconds, one per sample; the last sample falls on or
-    after the end (by less than a millisecond) and keeps the end's position and velocity.
+    Samples at whole milliseconds keep their positions and velocities, apart from the rounding to
+    float32. If a time is no whole millisecond, the cubic is resampled at the nearest whole
+    milliseconds, one per sample; the last sample falls on or after the end (by less than a
+    millisecond) and keeps the end's position and velocity.
 
     Args:
         trajectory: to be sent.

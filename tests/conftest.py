@@ -24,7 +24,10 @@ _MUCH = 100_000
 
 @pytest.fixture(scope="session", autouse=True)
 def _own_garbage() -> Iterator[None]:
-    """Collect garbage in this thread alone: renderers and Meshcats must not be destroyed by another one."""
+    """Collect garbage in this thread alone.
+
+    Renderers and Meshcats must not be destroyed by another one.
+    """
     gc.disable()
     yield
     gc.enable()

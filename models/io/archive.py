@@ -1,6 +1,7 @@
 """Arrays and a JSON header in one `.npz`: the file format of the value types. Pickle is refused.
 
-Reading is bounded beforehand: members by name, their size by the archive's directory and by their array headers.
+Reading is bounded beforehand: members by name, their size by the archive's directory and by their
+array headers.
 """
 
 import json
@@ -32,8 +33,9 @@ MOST_BYTES = 1 << 30
 #: Size limit of the JSON header, bytes; NumPy stores four for a character.
 MOST_HEADER = 16 << 20
 
-#: Exceptions of zipfile, zlib, lzma and NumPy for damaged archives; RuntimeError also for encrypted members and unknown
-#: compressions, SyntaxError and TokenError for an array header that is no Python literal.
+#: Exceptions of zipfile, zlib, lzma and NumPy for damaged archives; RuntimeError also for encrypted
+#: members and unknown compressions, SyntaxError and TokenError for an array header that is no
+#: Python literal.
 _DAMAGED = (
     zipfile.BadZipFile,
     zlib.error,
@@ -79,12 +81,14 @@ def load_archive(
 
     Args:
         path: of the file.
-        members: regular expression of the array names that the format has; other arrays are not read.
+        members: regular expression of the array names that the format has; other arrays are not
+            read.
         most_bytes: size limit of all arrays that are read, together.
 
     Raises:
-        InputError: the file is missing, truncated, damaged, encrypted, too large, not an `.npz`, has two members of one
-            name, holds pickled objects, or its header holds a number that is not finite.
+        InputError: the file is missing, truncated, damaged, encrypted, too large, not an `.npz`,
+            has two members of one name, holds pickled objects, or its header holds a number that is
+            not finite.
     """
     path = Path(path)
     if not path.is_file():

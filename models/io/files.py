@@ -10,7 +10,8 @@ from typing import Any
 
 from unwrinkle.models.errors import InputError
 
-#: Errors of a write that carry no file name: the disk, the quota or the largest file size is exhausted.
+#: Errors of a write that carry no file name: the disk, the quota or the largest file size is
+#: exhausted.
 _EXHAUSTED = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -18,9 +19,9 @@ _EXHAUSTED = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 def atomic_path(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`, and rename it to `path` when the body succeeds.
 
-    The temporary file has the same suffix (NumPy and matplotlib choose formats by it). When the body raises, the
-    temporary file is removed and `path` is left unchanged. Missing parent folders are made. Errors of the body that are
-    not about the temporary file are passed on unchanged.
+    The temporary file has the same suffix (NumPy and matplotlib choose formats by it). When the
+    body raises, the temporary file is removed and `path` is left unchanged. Missing parent folders
+    are made. Errors of the body that are not about the temporary file are passed on unchanged.
 
     Args:
         path: of the finished file.

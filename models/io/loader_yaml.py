@@ -23,11 +23,13 @@ def models_dir() -> Path:
 def load_yaml(path: str | Path, schema: type[Schema], *, child: str | None = None) -> Schema:
     """Read a YAML file into the dataclass `schema`.
 
-    Unknown keys are refused; keys the schema has defaults for may be left out. Every field of the schema
-    needs a default. With `child`, the value under that key of the document's root is read instead.
+    Unknown keys are refused; keys the schema has defaults for may be left out. Every field of the
+    schema needs a default. With `child`, the value under that key of the document's root is read
+    instead.
 
     Raises:
-        InputError: the file is missing, is no YAML, or does not fit the schema; the message names the file and the key.
+        InputError: the file is missing, is no YAML, or does not fit the schema; the message names
+            the file and the key.
     """
     from pydrake.common.yaml import (
         yaml_load_typed,  # imported here: slow, and `--help` does not need it
@@ -59,7 +61,10 @@ def _frozen(schema: Any) -> bool:
 
 
 def _mutable(schema: type[Any]) -> type[Any]:
-    """Return a mutable copy of a frozen dataclass type, nested types included: the typed loader assigns to fields."""
+    """Return a mutable copy of a frozen dataclass type, nested types included.
+
+    The typed loader assigns to fields.
+    """
     if get_origin(schema) is list:
         (item,) = get_args(schema)
         twin: Any = _mutable(item)
@@ -99,7 +104,10 @@ def _one_line(error: Exception) -> str:
 
 
 def _where(schema: type[Any], text: str, child: str | None) -> str:
-    """Name the keys whose values do not fit the schema, for the end of a message; empty where there are none."""
+    """Name the keys whose values do not fit the schema, for the end of a message.
+
+    Empty where there are none.
+    """
     try:
         raw = yaml.safe_load(text)
     except yaml.YAMLError:

@@ -15,7 +15,8 @@ def files_named_by(path: Path, resolve_address: Callable[[str], str]) -> list[Pa
     """List the files on which the geometry of a model depends, beside its own file.
 
     Args:
-        path: of a URDF or SDF (meshes and included models) or of a glTF file (buffers); other files have none.
+        path: of a URDF or SDF (meshes and included models) or of a glTF file (buffers); other files
+            have none.
         resolve_address: maps an address with a scheme to a path.
 
     Raises:

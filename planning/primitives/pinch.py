@@ -1,8 +1,9 @@
 """Pinch of a fold from above by one arm: the blades move down along their own axis, close, and lift straight up.
 
-Both tips should be at equal height. The upper blade is the shorter one, so the tool leans slightly past the vertical, outside
-the scenario's window of tilts, which applies to sliding the lower blade under cloth. Paths are checked by the collision model of
-the flattening search; they have no timing and are not verified.
+Both tips should be at equal height. The upper blade is the shorter one, so the tool leans slightly
+past the vertical, outside the scenario's window of tilts, which applies to sliding the lower blade
+under cloth. Paths are checked by the collision model of the flattening search; they have no timing
+and are not verified.
 """
 
 import itertools
@@ -37,7 +38,8 @@ class PinchSettings:
         lift: height of the straight lift.
         depth: of the lower tip below the crest; reduced where `table_gap` requires it.
         table_gap: least distance of the tips from the table.
-        leans: of the blades' axis from the direction with both tips at equal height; positive raises the upper tip.
+        leans: of the blades' axis from the direction with both tips at equal height; positive
+            raises the upper tip.
         offsets: of the closing direction from perpendicular to the fold.
         turntable: angles of the turn-table.
         step: distance of the points at which the path is solved.
@@ -169,7 +171,8 @@ class PinchPlanner:
             across: (2,) unit, horizontal, across the fold; its sign does not matter.
 
         Raises:
-            InputError: the point is not three finite numbers, or the direction is not a unit vector of two.
+            InputError: the point is not three finite numbers, or the direction is not a unit vector
+                of two.
         """
         p_WG, across = np.asarray(p_WG, dtype=float), np.asarray(across, dtype=float)
         if p_WG.shape != (3,) or not np.isfinite(p_WG).all():
@@ -191,7 +194,10 @@ class PinchPlanner:
         return self._first_free(choices, poses, missing)
 
     def _choices(self, p_WG: Array, across: Array) -> tuple[list[tuple[float, float]], Array]:
-        """List tilts and offsets, cheapest first, with their key poses (n, 3, 4, 4): above, down, lifted."""
+        """List tilts and offsets, cheapest first, with their key poses (n, 3, 4, 4).
+
+        Above, down, lifted.
+        """
         level = level_tilt(self.blades, self.opening)
         height = self.tip_height(float(p_WG[2]))
         choices, poses = [], []

@@ -1,8 +1,9 @@
 """How far any point of the robot moves per radian of each axis, computed from the model files.
 
-The lengths are upper bounds over every configuration. What a joint carries is covered by balls: one about the joint's origin
-for the shapes of its own link, and one for each joint further out. When a joint turns, a ball whose centre lies on its axis stays
-where it is; any other is covered by a larger ball about the joint's origin.
+The lengths are upper bounds over every configuration. What a joint carries is covered by balls: one
+about the joint's origin for the shapes of its own link, and one for each joint further out. When a
+joint turns, a ball whose centre lies on its axis stays where it is; any other is covered by a
+larger ball about the joint's origin.
 """
 
 from collections.abc import Iterator
@@ -28,7 +29,8 @@ class _Link:
         axis_F: (3,) unit direction of the axis, through the origin.
         radius: of a ball about the origin that contains the link's shapes, m.
         off_axis: greatest distance of the link's shapes from the axis, m.
-        next: links that this one carries, each with the origin (3,) and the direction (3,) of its axis in F.
+        next: links that this one carries, each with the origin (3,) and the direction (3,) of its
+            axis in F.
     """
 
     axis_F: Array
@@ -37,7 +39,10 @@ class _Link:
     next: list[tuple["_Link", Array, Array]] = field(default_factory=list)
 
     def balls(self) -> list[tuple[Array, float]]:
-        """Cover everything beyond this link by balls that are fixed in F: centre (3,) and radius, m."""
+        """Cover everything beyond this link by balls that are fixed in F.
+
+        Centre (3,) and radius, m.
+        """
         found = []
         for link, p_F, axis_F in self.next:
             found.append((p_F, link.radius))
@@ -61,7 +66,8 @@ class _Link:
                     fixed = p_F + float(centre @ link.axis_F) * axis_F
                     most = max(most, _distance(fixed, self.axis_F) + radius)
                 else:
-                    # The centre circles about the next axis, which leans against this one by a fixed angle.
+                    # The centre circles about the next axis, which leans against this one by a
+                    # fixed angle.
                     length = float(np.linalg.norm(centre))
                     most = max(most, away + min(length, length * sine + off) + radius)
         return most
@@ -74,8 +80,8 @@ def axis_reach(cell: Cell) -> Array:
         cell: the robot in its cell; the head is taken as resting.
 
     Returns:
-        (axes,) for each axis an upper bound, over all configurations, of the distance between the axis and any collision
-        shape that it moves, blades at full stroke included.
+        (axes,) for each axis an upper bound, over all configurations, of the distance between the
+        axis and any collision shape that it moves, blades at full stroke included.
     """
     links = _LinkBuilder(cell)
     return np.array([links.link(name).reach() for name in cell.robot.axes])
@@ -148,7 +154,10 @@ def _distance(point: Array, axis: Array) -> float:
 
 
 def _core(shape: Shape) -> tuple[Array, float]:
-    """Points (N, 3) in a shape's frame and a distance, m: the shape lies in the hull of balls of that radius about them."""
+    """Points (N, 3) in a shape's frame and a distance, m.
+
+    The shape lies in the hull of balls of that radius about them.
+    """
     if isinstance(shape, Box):
         half = 0.5 * np.asarray(shape.size())
         return half * np.array(np.meshgrid(*3 * [[-1.0, 1.0]])).reshape(3, -1).T, 0.0

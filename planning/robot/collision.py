@@ -18,8 +18,10 @@ class CollisionModel:
     """Checks configurations of the robot against the scenario's clearances; grippers open, head at the scenario's gaze.
 
     Attributes:
-        reach: (axes,) bound on how far any point of the robot moves per radian of each axis, m; see `axis_reach`.
-        step: greatest relative motion of two bodies between two checked configurations of an edge, m.
+        reach: (axes,) bound on how far any point of the robot moves per radian of each axis, m; see
+            `axis_reach`.
+        step: greatest relative motion of two bodies between two checked configurations of an edge,
+            m.
     """
 
     def __init__(self, cell: Cell, *, contact: bool) -> None:
@@ -27,7 +29,8 @@ class CollisionModel:
 
         Args:
             cell: robot, surroundings, clearances.
-            contact: whether the fingers may touch the working table (clearance 0); else they keep `finger_table`.
+            contact: whether the fingers may touch the working table (clearance 0); else they keep
+                `finger_table`.
 
         Raises:
             InputError: the models lack a link that the robot's description gives a role.
@@ -57,7 +60,8 @@ class CollisionModel:
         bodies = [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
         _check_roles(cell, {_name(body) for body in bodies})
         adjacent = {frozenset(pair) for pair in robot.adjacent}
-        # The link that carries an arm's first axis is bolted to the carrier: the arm does not move it.
+        # The link that carries an arm's first axis is bolted to the carrier: the arm does not move
+        # it.
         bases = set()
         for arm in robot.arms:
             instance, joint = scoped(robot.axes[arm.axes[0]])
@@ -76,7 +80,10 @@ class CollisionModel:
                     self._checker.SetPaddingBetween(a, b, padding)
 
     def positions(self, q: Array) -> Array:
-        """Return the plant's positions for the robot's axes (axes,), rad; blades and head at their defaults."""
+        """Return the plant's positions for the robot's axes (axes,), rad.
+
+        Blades and head at their defaults.
+        """
         full = self._rest.copy()
         full[self._indices] = q
         return full
@@ -86,7 +93,10 @@ class CollisionModel:
         return bool(self._checker.CheckConfigCollisionFree(self.positions(q)))
 
     def path_free(self, path: Array) -> bool:
-        """Return whether a polyline (N, axes), rad, keeps every clearance; coarse points are checked first."""
+        """Return whether a polyline (N, axes), rad, keeps every clearance.
+
+        Coarse points are checked first.
+        """
         order = np.argsort(_bit_reversed(len(path)))
         if not all(self.free(path[i]) for i in order):
             return False
@@ -95,9 +105,10 @@ class CollisionModel:
     def edge_free(self, a: Array, b: Array, *, ends: bool = True) -> bool:
         """Return whether the straight joint line from a to b, (axes,) each, rad, keeps every clearance at its steps.
 
-        Between two checked configurations no two bodies move against each other by more than twice the smaller of the
-        arms' clearances, so a pair that keeps that clearance at both cannot touch in between. Pairs with a smaller clearance
-        (palms, fingers, surroundings) have no such bound here; the verification bounds them between its samples.
+        Between two checked configurations no two bodies move against each other by more than twice
+        the smaller of the arms' clearances, so a pair that keeps that clearance at both cannot
+        touch in between. Pairs with a smaller clearance (palms, fingers, surroundings) have no such
+        bound here; the verification bounds them between its samples.
 
         Args:
             a: start of the line.

@@ -1,10 +1,12 @@
 """Forward and inverse kinematics of the two arms on the turn-table, batched in numpy.
 
-The MA1400's wrist is not spherical: its B and T axes are 30 mm apart, so the closed form for a spherical wrist does not apply.
-For a given angle of the last axis the wrist centre is known and the first three axes follow in closed form. One scalar equation
-in that angle remains; it is solved for every branch of every pose at once.
+The MA1400's wrist is not spherical: its B and T axes are 30 mm apart, so the closed form for a
+spherical wrist does not apply. For a given angle of the last axis the wrist centre is known and the
+first three axes follow in closed form. One scalar equation in that angle remains; it is solved for
+every branch of every pose at once.
 
-Notation: W world, B an arm's base (link_1), F its flange (tip_link), E the tool (ee), T the tool centre point (tcp).
+Notation: W world, B an arm's base (link_1), F its flange (tip_link), E the tool (ee), T the tool
+centre point (tcp).
 """
 
 from dataclasses import dataclass
@@ -15,7 +17,8 @@ import numpy as np
 from unwrinkle.models.arrays import Array, Mask
 from unwrinkle.models.robot import Cell
 
-# Branches of the first three axes: the arm faces the wrist centre or reaches backwards; elbow up or down.
+# Branches of the first three axes: the arm faces the wrist centre or reaches backwards; elbow up or
+# down.
 _SHOULDER = np.array([1.0, 1.0, -1.0, -1.0])
 _ELBOW = np.array([1.0, -1.0, 1.0, -1.0])
 
@@ -129,8 +132,8 @@ class Kinematics:
     def missing_reach(self, arm: int, turntable: Array | float, X_WT: Array) -> Array:
         """Bound from below how far each pose lies beyond the arm's reach, m; if positive, there is no solution for any limits.
 
-        The distance from the L axis to the wrist cannot exceed upper arm plus forearm; the 30 mm between the B and T axes
-        are added to the reach, which makes the result a lower bound.
+        The distance from the L axis to the wrist cannot exceed upper arm plus forearm; the 30 mm
+        between the B and T axes are added to the reach, which makes the result a lower bound.
 
         Args:
             arm: 0 right, 1 left.
@@ -164,8 +167,9 @@ class Kinematics:
             tolerance: residual of its equation (a cosine) at which it counts as solved.
 
         Returns:
-            The branches; each angle is shifted by full turns to be nearest to the middle of its range. Of uniformly random
-            configurations about 95 % are recovered; roots that do not continue those of a spherical wrist are missed.
+            The branches; each angle is shifted by full turns to be nearest to the middle of its
+            range. Of uniformly random configurations about 95 % are recovered; roots that do not
+            continue those of a spherical wrist are missed.
         """
         X_BF = _inverse(self.base(arm, turntable)) @ X_WT @ self._X_TF
         R = X_BF[:, :3, :3]

@@ -43,7 +43,8 @@ class MotionTiming:
         """The motion's three pieces, each from rest to rest; the tools' speed is capped where they hold cloth.
 
         Raises:
-            PathTimingError: a piece cannot be timed, or takes longer than the settings allow; it names the axis and the place.
+            PathTimingError: a piece cannot be timed, or takes longer than the settings allow; it
+                names the axis and the place.
         """
         limits, keep = self._limits, 1.0 - self._settings.margin
         paths, bounds = [], []
@@ -89,7 +90,8 @@ class MotionTiming:
             ways: from the start to the plan pose, and from the leave pose to home.
 
         Raises:
-            NoSafePlanError: a transit takes longer than the settings allow, or rounding alone breaks the limits.
+            NoSafePlanError: a transit takes longer than the settings allow, or rounding alone
+                breaks the limits.
         """
         gripper = self._limits.gripper
         shortest = gripper.stroke / gripper.velocity + _SETTLE

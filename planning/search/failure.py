@@ -15,9 +15,11 @@ class PlanFailure:
     """The cause of a failed planning.
 
     Attributes:
-        cause: off-table, far-reach, near-limit, arm-arm, collision, transit, verification, start, or time.
+        cause: off-table, far-reach, near-limit, arm-arm, collision, transit, verification, start,
+            or time.
         message: one sentence with the figures and what to try.
-        missing: distance beyond the reach (far-reach) or beyond the table's edge (off-table), m; else None.
+        missing: distance beyond the reach (far-reach) or beyond the table's edge (off-table), m;
+            else None.
     """
 
     cause: str
@@ -95,7 +97,10 @@ def explain(kind: str, log: SearchLog, target: FlatteningTarget, cell: Cell) -> 
 
 
 def _mend(missing: float, y: float) -> str:
-    """Advise how to regain a missing reach, m: 15 degrees of tilt or of turn-table are worth about 0.10 m each."""
+    """Advise how to regain a missing reach, m.
+
+    15 degrees of tilt or of turn-table are worth about 0.10 m each.
+    """
     if missing < 0.10:
         return "a steeper tilt window (75 deg), or the garment 0.1 m nearer, would do"
     return f"move the garment about {missing:.2f} m nearer to the robot (it is at y = {y:.2f})"

@@ -52,7 +52,8 @@ class SearchLog:
     """Counts of a search, from which a failure is explained.
 
     Attributes:
-        missing: least distance beyond the reach, m, of a hand that has no candidate within reach, in the last stage.
+        missing: least distance beyond the reach, m, of a hand that has no candidate within reach,
+            in the last stage.
         missing_hand: the candidate with that distance.
         limit_axes: poses that only the position limit of an axis forbids, by axis.
         pairs: combinations whose paths were checked for collision.
@@ -122,7 +123,8 @@ class HandPaths:
 
         Args:
             candidate: the candidate.
-            following: combinations that the search visits next; their candidates are solved in the same batch.
+            following: combinations that the search visits next; their candidates are solved in the
+                same batch.
         """
         if candidate not in self._solvable:
             batch: dict[HandCandidate, None] = {candidate: None}
@@ -199,7 +201,8 @@ def follow_branches(q: Array, within: NDArray[np.bool_], lower: Array, upper: Ar
         upper: (6,) upper position limits, rad.
 
     Returns:
-        Continuous sequences (N, 6), rad. The last axis may be shifted by a full turn to stay within its limits.
+        Continuous sequences (N, 6), rad. The last axis may be shifted by a full turn to stay within
+        its limits.
     """
     tubes: list[Array] = []
     for b in np.flatnonzero(within[0]):

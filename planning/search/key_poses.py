@@ -1,7 +1,8 @@
 """The seven poses of the flattening motion, and smooth Cartesian pieces between them.
 
-Plan, touch-table, grasp, pull, put-on-table, free-garment, leave-table (Sun et al. 2015, Fig. 5). The grippers close at the third
-and open at the fifth pose, which divides the motion into three pieces: approach, pull, release.
+Plan, touch-table, grasp, pull, put-on-table, free-garment, leave-table (Sun et al. 2015, Fig. 5).
+The grippers close at the third and open at the fifth pose, which divides the motion into three
+pieces: approach, pull, release.
 """
 
 from collections.abc import Sequence
@@ -17,7 +18,8 @@ POSES = ("plan", "touch-table", "grasp", "pull", "put-on-table", "free-garment",
 PIECES = (("approach", 0, 2), ("pull", 2, 4), ("release", 4, 6))
 #: Distance of a rounded path from its corner over the radius and the change of direction.
 _CUT_OFF = 0.15625
-#: Iterations that move a corner outwards until its rounding passes through the pose; each leaves about a fifth of the error.
+#: Iterations that move a corner outwards until its rounding passes through the pose; each leaves
+#: about a fifth of the error.
 _MEET_STEPS = 5
 
 
@@ -103,8 +105,9 @@ def piece_counts(positions: Sequence[Array], step: float) -> list[int]:
 def piece(positions: Array, radius: float, count: int, *, meet: bool = False) -> Array:
     """Compute a piece through three positions with a rounded corner, p_WT (count + 1, 3), m.
 
-    Along the arc length the direction changes from the first leg's to the second's over a blend of the given radius, by a quintic
-    with continuous second derivative; the path is its integral and has a continuous third derivative.
+    Along the arc length the direction changes from the first leg's to the second's over a blend of
+    the given radius, by a quintic with continuous second derivative; the path is its integral and
+    has a continuous third derivative.
 
     Args:
         positions: (3, 3) start, corner, end.
@@ -123,7 +126,8 @@ def piece(positions: Array, radius: float, count: int, *, meet: bool = False) ->
     if r == 0.0:
         return np.asarray(start + (end - start) * (s / max(total, 1e-12))[:, None])
     x = np.clip((s - lengths[0] + r) / (2.0 * r), 0.0, 1.0)
-    # Integral of the smoothstep 6 x^5 - 15 x^4 + 10 x^3 from 0 to x, then the full direction beyond the blend.
+    # Integral of the smoothstep 6 x^5 - 15 x^4 + 10 x^3 from 0 to x, then the full direction beyond
+    # the blend.
     turned = 2.0 * r * (x**6 - 3.0 * x**5 + 2.5 * x**4) + np.maximum(s - lengths[0] - r, 0.0)
     return np.asarray(start + first * s[:, None] + (second - first) * turned[:, None])
 
@@ -131,7 +135,10 @@ def piece(positions: Array, radius: float, count: int, *, meet: bool = False) ->
 def _legs(
     start: Array, corner: Array, end: Array, radius: float
 ) -> tuple[Array, Array, Array, float]:
-    """Return directions and lengths of the two legs, and the blend's radius, m; 0 if a leg has no length."""
+    """Return directions and lengths of the two legs, and the blend's radius, m.
+
+    0 if a leg has no length.
+    """
     legs = corner - start, end - corner
     lengths = np.array([np.linalg.norm(leg) for leg in legs])
     if lengths.min() < 1e-9:
@@ -144,7 +151,8 @@ def pieces(positions: Array, radius: float, counts: list[int]) -> list[Array]:
     floor = positions[:, 2].min()
     out = []
     for (name, first, last), count in zip(PIECES, counts, strict=True):
-        # At the table the inside of the corner lies above it; at the pull pose it would reduce the lift.
+        # At the table the inside of the corner lies above it; at the pull pose it would reduce the
+        # lift.
         p = piece(positions[first : last + 1], radius, count, meet=name == "pull")
         p[:, 2] = np.maximum(p[:, 2], floor)
         out.append(p)

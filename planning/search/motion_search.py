@@ -1,8 +1,9 @@
 """Best-first search for a dual-arm flattening motion over turn-table, tilts, offsets and assignment of hands.
 
-Based on Algorithm 1 of Sun et al. 2015, with these differences: both signs of the offsets; the sum of the offsets as the cost
-instead of their product; best first with early exit instead of the full grid; further freedoms (turn-table, tilt per hand,
-assignment of hands, shorter strokes, unequal shares); a log that explains a failure.
+Based on Algorithm 1 of Sun et al. 2015, with these differences: both signs of the offsets; the sum
+of the offsets as the cost instead of their product; best first with early exit instead of the full
+grid; further freedoms (turn-table, tilt per hand, assignment of hands, shorter strokes, unequal
+shares); a log that explains a failure.
 """
 
 import itertools
@@ -83,7 +84,8 @@ class MotionSearch:
 
         Args:
             target: grasp points, directions and pull distances.
-            accept: called with each free motion in order of cost until it returns true (there are transits to it, for example).
+            accept: called with each free motion in order of cost until it returns true (there are
+                transits to it, for example).
 
         Returns:
             The motion, or None, and the log of the search.
@@ -95,8 +97,9 @@ class MotionSearch:
     ) -> tuple[SevenPoseMotion | None, SearchLog]:
         """Find the cheapest motion of one arm on one side of the target, with the other arm at home.
 
-        The arm is the one that the flattening direction suggests (see `suggested_arm`); the other arm is tried only if that one
-        has no motion on either side. Of the two sides the cheaper one is taken; of equally cheap ones, hand 0.
+        The arm is the one that the flattening direction suggests (see `suggested_arm`); the other
+        arm is tried only if that one has no motion on either side. Of the two sides the cheaper one
+        is taken; of equally cheap ones, hand 0.
 
         Args:
             target: see `dual`.
@@ -239,11 +242,12 @@ class MotionSearch:
 def suggested_arm(hand: HandTarget) -> int:
     """Choose the arm on the side to which a hand pulls.
 
-    A pull away from the robot or towards it (|x| of the direction at most 1e-3) is a tie: the side of the grasp point decides,
-    and on the middle line the right arm is chosen.
+    A pull away from the robot or towards it (|x| of the direction at most 1e-3) is a tie: the side
+    of the grasp point decides, and on the middle line the right arm is chosen.
 
     Returns:
-        0, the right arm, for a pull towards lesser world x; 1, the left arm, for one towards greater x.
+        0, the right arm, for a pull towards lesser world x; 1, the left arm, for one towards
+        greater x.
     """
     towards = float(hand.pull_direction[0])
     if abs(towards) <= _STRAIGHT:
@@ -252,7 +256,10 @@ def suggested_arm(hand: HandTarget) -> int:
 
 
 def natural_assignment(target: FlatteningTarget) -> tuple[int, int]:
-    """Assign an arm to hand 0 and hand 1: the right arm serves the hand further to the right (lesser world x)."""
+    """Assign an arm to hand 0 and hand 1.
+
+    The right arm serves the hand further to the right (lesser world x).
+    """
     x = [hand.p_WG[0] for hand in target.hands]
     return (0, 1) if x[0] <= x[1] else (1, 0)
 

@@ -73,7 +73,10 @@ Approve = Callable[[FlatteningPlan], str]
 
 
 class FlatteningPlanner:
-    """Plans flattening motions in one cell; building it takes under a second, each plan some tenths."""
+    """Plans flattening motions in one cell.
+
+    Building it takes under a second, each plan some tenths.
+    """
 
     def __init__(self, cell: Cell, settings: PlannerSettings | None = None) -> None:
         """Build the models of the cell once."""
@@ -105,14 +108,16 @@ class FlatteningPlanner:
     ) -> PlanResult:
         """Plan the motion for a target, from a configuration at rest and to home.
 
-        Where the scenario's planner keeps the turn-table fixed, it stays where the start has it, at home too.
+        Where the scenario's planner keeps the turn-table fixed, it stays where the start has it, at
+        home too.
 
         Args:
             target: grasp points, directions and pull distances in the world.
             start: (13,) rad, at rest; home if left out.
             garment: stored in the plan for the preview.
             arms: `dual`, `single`, or `any`: two arms if possible, else one.
-            approve: asked about each plan; where it refuses, the next motion is tried. See `plan_verified`.
+            approve: asked about each plan; where it refuses, the next motion is tried. See
+                `plan_verified`.
 
         Returns:
             A plan, or the reason why there is none; never an exception for a target out of reach.
@@ -186,7 +191,10 @@ class FlatteningPlanner:
         return self._settings.refusals
 
     def home_from(self, start: Array) -> Array:
-        """Where a plan from a start (13,) ends, (13,) rad: home, but for a turn-table that is fixed."""
+        """Where a plan from a start (13,) ends, (13,) rad.
+
+        Home, but for a turn-table that is fixed.
+        """
         home = self._home.copy()
         if self._fixed:
             home[0] = start[0]
@@ -257,7 +265,10 @@ class _Attempt:
         self.result: PlanResult | None = None
 
     def accept(self, motion: SevenPoseMotion) -> bool:
-        """Whether the search is over: the motion will do, no motion can be timed, or too many plans were refused."""
+        """Whether the search is over.
+
+        The motion will do, no motion can be timed, or too many plans were refused.
+        """
         clock = time.perf_counter()
         ways = self._planner.ways(self._start, motion)
         self.times.transit += time.perf_counter() - clock

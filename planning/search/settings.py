@@ -13,8 +13,9 @@ class MotionShape:
         back_off: from there further back to the plan pose.
         height: of the plan and leave poses above the table.
         lift: of the pull pose above the table.
-        pull_fraction: of the pull distance that is done when the pull pose is reached (no unit). The rest follows while the
-            hand is lowered: cloth that is pulled fully while lifted becomes slack again on the table.
+        pull_fraction: of the pull distance that is done when the pull pose is reached (no unit).
+            The rest follows while the hand is lowered: cloth that is pulled fully while lifted
+            becomes slack again on the table.
         table_gap: between the lower blade's edge and the table when down.
         free_distance: from the put-down point back to where the blade is out of the cloth.
         leave_distance: from the put-down point back to the leave pose.
@@ -94,14 +95,15 @@ STAGES = (
 class CostWeights:
     """Cost of a candidate per unit of each freedom: the offsets dominate, the rest are preferences.
 
-    Algorithm 1 of the paper multiplies the two arms' offsets, so that one arm's offset costs nothing where the other's is zero;
-    here they are summed.
+    Algorithm 1 of the paper multiplies the two arms' offsets, so that one arm's offset costs
+    nothing where the other's is zero; here they are summed.
 
     Attributes:
         offset: per rad of the grasp direction's turn, each hand.
         turntable: per rad of the turn-table's angle.
         tilt: per rad of the tilt's difference from `preferred_tilt`, each hand.
-        preferred_tilt: of the tool below the horizontal, rad; the middle of the default gripper's window.
+        preferred_tilt: of the tool below the horizontal, rad; the middle of the default gripper's
+            window.
         swap: for arms that serve the hand on the other side.
         share: per unit by which a hand's share of the pull differs from 1, half for each hand.
     """
@@ -119,11 +121,12 @@ class TransitSettings:
     """How transits are sampled where no straight joint line is free.
 
     Attributes:
-        leans: angles added to the second axis (L) of both arms half way, rad; negative leans the upper arms back, away from
-            the table. Tried in this order.
+        leans: angles added to the second axis (L) of both arms half way, rad; negative leans the
+            upper arms back, away from the table. Tried in this order.
         step: growth of a tree at a time, m: joint motion weighted by half the reach of each axis.
         turntable_spread: standard deviation of the samples about the straight line, rad.
-        arm_spread: the same for the axes S, L, U, R, B, T of each arm; it grows from half to twice this with the samples.
+        arm_spread: the same for the axes S, L, U, R, B, T of each arm; it grows from half to twice
+            this with the samples.
         shortcuts: attempts at shortening a path that was found.
     """
 
@@ -143,12 +146,13 @@ class PlannerSettings:
         budget: of one search, s; when it is spent the failure says so.
         transit_budget: of one transit found by sampling, s.
         path_step: distance of the points at which Cartesian pieces are solved, m.
-        sample_time: s, period of the samples that a plan carries at catalogue speed; a slower plan has a longer one, see
-            `sampling_period`.
-        margin: fraction of velocity, acceleration and jerk limits that the timing leaves unused, for the controller's
-            cubic interpolation between samples.
+        sample_time: s, period of the samples that a plan carries at catalogue speed; a slower plan
+            has a longer one, see `sampling_period`.
+        margin: fraction of velocity, acceleration and jerk limits that the timing leaves unused,
+            for the controller's cubic interpolation between samples.
         seed: of the sampling transit planner.
-        refusals: plans of one kind (two arms, one arm) that may be refused by `approve` before that kind is given up.
+        refusals: plans of one kind (two arms, one arm) that may be refused by `approve` before that
+            kind is given up.
         longest: duration of one piece of a motion above which a plan is refused, s.
         weights: cost of the search's freedoms.
         transit: how transits are sampled.

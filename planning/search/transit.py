@@ -1,4 +1,7 @@
-"""Transits between configurations: a straight joint line, else lines through a via point, else RRT-Connect."""
+"""Transits between configurations.
+
+A straight joint line, else lines through a via point, else RRT-Connect.
+"""
 
 import time
 from dataclasses import dataclass
@@ -47,7 +50,8 @@ class TransitPlanner:
             collision: clearances that transits keep.
             budget: time that one RRT-Connect may take, s.
             seed: of its samples.
-            fixed_turntable: never turn the turn-table, given that start and goal have it at one angle.
+            fixed_turntable: never turn the turn-table, given that start and goal have it at one
+                angle.
             settings: of via points and samples; None for the defaults.
         """
         self._limits, self._collision = cell.limits, collision
@@ -63,7 +67,10 @@ class TransitPlanner:
             self._spread[arm.axes] = settings.arm_spread
 
     def plan(self, start: Array, goal: Array) -> Transit | None:
-        """Return a free transit between two configurations (axes,), rad; None if none was found in the budget."""
+        """Return a free transit between two configurations (axes,), rad.
+
+        None if none was found in the budget.
+        """
         if self._collision.edge_free(start, goal):
             return Transit(np.array([start, goal]), "line")
         for via in self._vias(start, goal):

@@ -1,18 +1,20 @@
 """Optimal smoothing: the jerk-limited law s(t) along a path, by an interior-point method over the squared path speed.
 
-The path q(s), s in [0, 1], is kept exactly; only the speed along it is chosen. With x(s) = (ds/dt)^2 the joint derivatives are
+The path q(s), s in [0, 1], is kept exactly; only the speed along it is chosen. With x(s) =
+(ds/dt)^2 the joint derivatives are
 
     q_t   = q' sqrt(x)
     q_tt  = q'' x + q' x' / 2
     q_ttt = (q''' x + 3/2 q'' x' + 1/2 q' x'') sqrt(x)
 
-(chain rule; as in the literature on path tracking with jerk limits). Velocity and acceleration limits are convex in x; the jerk
-limit is not, so the method finds a local optimum. It starts from toppra's profile, smoothed and slowed until the jerk limit holds
-too. Every iterate satisfies every limit strictly, so a stop at any time leaves a usable law.
+(chain rule; as in the literature on path tracking with jerk limits). Velocity and acceleration
+limits are convex in x; the jerk limit is not, so the method finds a local optimum. It starts from
+toppra's profile, smoothed and slowed until the jerk limit holds too. Every iterate satisfies every
+limit strictly, so a stop at any time leaves a usable law.
 
-From rest with constant jerk x grows as s^(4/3), whose derivatives are unbounded. So s = 10 tau^3 - 15 tau^4 + 6 tau^5 and
-x = (4 tau (1 - tau))^4 w(tau), with w a positive cubic B-spline: all limits become smooth in w, and the time is proportional to
-the integral of w^(-1/2) over tau.
+From rest with constant jerk x grows as s^(4/3), whose derivatives are unbounded. So s = 10 tau^3 -
+15 tau^4 + 6 tau^5 and x = (4 tau (1 - tau))^4 w(tau), with w a positive cubic B-spline: all limits
+become smooth in w, and the time is proportional to the integral of w^(-1/2) over tau.
 """
 
 from dataclasses import dataclass
@@ -147,10 +149,12 @@ def smooth_optimally(
     Args:
         paths: all with the same number of axes.
         limits: for each.
-        profiles: toppra's, for each; without them the start is a constant w, and the barrier method needs more steps.
+        profiles: toppra's, for each; without them the start is a constant w, and the barrier method
+            needs more steps.
 
     Returns:
-        Timed paths whose velocity, acceleration and jerk ratios on a grid eight times finer than the optimisation's are at most 1.
+        Timed paths whose velocity, acceleration and jerk ratios on a grid eight times finer than
+        the optimisation's are at most 1.
     """
     rows = _rows(paths, limits, _COARSE)
     if profiles is None:
@@ -190,7 +194,8 @@ def _slowed(c: Array, rows: _Rows, share: float) -> Array:
 def _weights(path: JointPath, limits: PathLimits, profile: SpeedProfile) -> Array:
     """Values of w (K,) at the spline's Greville points, of toppra's profile and of constant jerk from rest at either end.
 
-    With constant jerk j of s from rest, s = j t^3 / 6 and x = (j t^2 / 2)^2 = (6 s)^(4/3) j^(2/3) / 4; and s is 10 tau^3 there.
+    With constant jerk j of s from rest, s = j t^3 / 6 and x = (j t^2 / 2)^2 = (6 s)^(4/3) j^(2/3) /
+    4; and s is 10 tau^3 there.
     """
     s, s_left = _GREVILLE_S, _GREVILLE_S[::-1]
     rates = (np.abs(path.spline(s, nu=1)) / limits.jerk).max(axis=1)
@@ -214,7 +219,10 @@ def _evaluate(c: Array, basis: _Basis) -> Array:
 
 
 def _worst(rows: _Rows, w: Array) -> Array:
-    """Factor (P,) by which x must be divided for every ratio to be at most 1: v^2 and a scale with x, jerk with x^1.5."""
+    """Factor (P,) by which x must be divided for every ratio to be at most 1.
+
+    V^2 and a scale with x, jerk with x^1.5.
+    """
     v, a, j = rows.ratios(w)
     return np.maximum.reduce(
         [v.max(1), np.abs(a).max((1, 2)), np.abs(j).max((1, 2)) ** (2.0 / 3.0)]

@@ -28,7 +28,8 @@ class JointPath:
 
     Attributes:
         spline: quintic spline (n axes) over s in [0, 1].
-        tip_rate: for s (M,), the greater of the two tool centre points' |dp/ds|, m; None where it does not matter.
+        tip_rate: for s (M,), the greater of the two tool centre points' |dp/ds|, m; None where it
+            does not matter.
     """
 
     spline: BSpline
@@ -67,7 +68,10 @@ class PathLaw(Protocol):
         """Time at which the end is reached, s."""
 
     def at(self, times: Array) -> tuple[Array, Array]:
-        """Return the path parameter and its rate, 1/s, at times (N,) in [0, duration]; (N,) each."""
+        """Return the path parameter and its rate, 1/s, at times (N,) in [0, duration].
+
+        (N,) each.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +95,8 @@ class TimedPath:
         """Times (N,), positions and velocities (N, n) at a period, the first and last at rest.
 
         Args:
-            period: s; the law is slowed by less than one period in all, so that the end falls on a sample.
+            period: s; the law is slowed by less than one period in all, so that the end falls on a
+                sample.
             slower: further factor on the duration, at least 1.
         """
         count = max(1, int(np.ceil(self.duration * slower / period - 1e-9)))

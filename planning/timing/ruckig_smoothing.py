@@ -1,10 +1,12 @@
 """Smoothing by ruckig: one-axis jerk-limited motions of the path parameter, under constant bounds in sections of the path.
 
-toppra's profile, bounded by a share of the jerk limit where the path bends sharply, is cut at its minima. Each section has
-constant bounds on ds/dt and its two derivatives, and a state-to-state ruckig motion between junction speeds, which are
-lowered until every section has one. Sections in which the joints or the tool centre points break a limit on a check are slowed,
-and all is repeated. Where that does not settle, the whole path is one section, from rest to rest. What a finer check finds left
-is slowed away: a motion k times slower has velocities, accelerations and jerks k, k^2 and k^3 times smaller.
+toppra's profile, bounded by a share of the jerk limit where the path bends sharply, is cut at its
+minima. Each section has constant bounds on ds/dt and its two derivatives, and a state-to-state
+ruckig motion between junction speeds, which are lowered until every section has one. Sections in
+which the joints or the tool centre points break a limit on a check are slowed, and all is repeated.
+Where that does not settle, the whole path is one section, from rest to rest. What a finer check
+finds left is slowed away: a motion k times slower has velocities, accelerations and jerks k, k^2
+and k^3 times smaller.
 """
 
 from dataclasses import dataclass
@@ -37,7 +39,8 @@ class PhasedLaw:
 
     Attributes:
         ends: (M,) time at the end of each phase, s.
-        states: (M, 4) path parameter and its first, second and third derivative by time at each phase's begin.
+        states: (M, 4) path parameter and its first, second and third derivative by time at each
+            phase's begin.
     """
 
     ends: Array
@@ -50,7 +53,10 @@ class PhasedLaw:
 
     @classmethod
     def joined(cls, begins: list[float], motions: list[ruckig.Trajectory]) -> "PhasedLaw":
-        """Join ruckig's one-axis motions, each from 0; `begins` are the path parameters at which they begin."""
+        """Join ruckig's one-axis motions, each from 0.
+
+        `begins` are the path parameters at which they begin.
+        """
         durations, states = [], []
         for begin, motion in zip(begins, motions, strict=True):
             phases = motion.profiles[0][0]
@@ -245,7 +251,10 @@ class _Section:
 
 
 def _reachable(sections: list[_Section], slow: Array, allowed: Array) -> Array:
-    """Junction speeds up to the allowed ones such that every section has a motion; forwards and backwards to a fixed point."""
+    """Junction speeds up to the allowed ones such that every section has a motion.
+
+    Forwards and backwards to a fixed point.
+    """
     speeds = allowed.copy()
     for _ in range(6):
         before = speeds.copy()

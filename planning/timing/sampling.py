@@ -11,9 +11,11 @@ from unwrinkle.planning.sent_samples import MILLISECONDS, as_float32
 
 Samples = tuple[Array, Array, Array]  # times (N,), positions and velocities (N, n)
 
-#: Limits are kept by this share after rounding, so that no further rounding (of clocks, say) can break them.
+#: Limits are kept by this share after rounding, so that no further rounding (of clocks, say) can
+#: break them.
 _ROOM = 1e-6
-#: Rounding does not shrink with the motion: slowing settles after a few rounds and some per cent, or never.
+#: Rounding does not shrink with the motion: slowing settles after a few rounds and some per cent,
+#: or never.
 _ROUNDS, _SLOWEST = 12, 1.5
 
 
@@ -31,9 +33,10 @@ class Timed(Protocol):
 def sampling_period(at_full_speed: float, speed: float) -> float:
     """Period of a plan's samples, a whole number of milliseconds, s.
 
-    Rounding a position by e shows as a jerk of about 12 e / period^3, and the jerk limit is proportional to the speed: a period
-    that grows as speed^(-1/3) costs the same share of it at every speed. It grows in whole multiples, so that every point falls
-    on a tick of the controller's clock where it does at full speed.
+    Rounding a position by e shows as a jerk of about 12 e / period^3, and the jerk limit is
+    proportional to the speed: a period that grows as speed^(-1/3) costs the same share of it at
+    every speed. It grows in whole multiples, so that every point falls on a tick of the
+    controller's clock where it does at full speed.
 
     Args:
         at_full_speed: period at catalogue speed, s.

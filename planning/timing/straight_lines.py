@@ -1,4 +1,7 @@
-"""Straight joint lines from rest to rest: one scalar runs along the line, so that no axis can leave it."""
+"""Straight joint lines from rest to rest.
+
+One scalar runs along the line, so that no axis can leave it.
+"""
 
 from dataclasses import dataclass
 
@@ -37,7 +40,8 @@ class TimedLine:
 
         Args:
             period: s.
-            slower: factor on the duration, at least 1; what is left to the next whole period is added.
+            slower: factor on the duration, at least 1; what is left to the next whole period is
+                added.
         """
         count = max(1, int(np.ceil(self.duration * slower / period - 1e-9)))
         stretch = count * period / self.duration
@@ -64,24 +68,25 @@ def time_line(
 ) -> tuple[Array, Array, Array, float]:
     """Samples of the fastest jerk-limited motion along a straight joint line.
 
-    The line q = start + s (goal - start), s in [0, 1], is run by one scalar under the tightest of all axes' limits
-    (limit / |goal - start|). Ruckig's own synchronisation of several axes keeps to the line only where no other axis'
-    limit is in the way, and says nothing where it does not.
+    The line q = start + s (goal - start), s in [0, 1], is run by one scalar under the tightest of
+    all axes' limits (limit / |goal - start|). Ruckig's own synchronisation of several axes keeps to
+    the line only where no other axis' limit is in the way, and says nothing where it does not.
 
     Args:
         start: (n,) rad, at rest.
         goal: (n,) rad, at rest.
         limits: of the axes.
         margin: fraction of every limit that is left unused.
-        period: of the samples, a whole number of milliseconds, s; the motion is slowed so that its end falls on a sample,
-            and until the full limits hold for the samples as they are sent.
+        period: of the samples, a whole number of milliseconds, s; the motion is slowed so that its
+            end falls on a sample, and until the full limits hold for the samples as they are sent.
         longest: s; a motion that takes longer is refused before it is sampled.
 
     Returns:
         Times (N,), positions and velocities (N, n), and the duration before that slowing, s.
 
     Raises:
-        NoSafePlanError: ruckig finds no motion (limits that are not positive, say), or one that takes too long.
+        NoSafePlanError: ruckig finds no motion (limits that are not positive, say), or one that
+            takes too long.
     """
     way = np.abs(goal - start)
     if float(way.max()) < _SHORTEST:

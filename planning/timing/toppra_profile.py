@@ -1,11 +1,12 @@
 """The fastest speed along a curved path without a jerk limit, by toppra.
 
-Joint velocity and the speed of the tool centre points bound ds/dt; joint acceleration bounds q' d2s/dt2 + q'' (ds/dt)^2, at
-both ends of every grid interval (toppra's interpolation scheme). toppra: H. Pham, Q.-C. Pham, "A New Approach to Time-Optimal
-Path Parameterization Based on Reachability Analysis", IEEE Transactions on Robotics 34(3), 2018.
+Joint velocity and the speed of the tool centre points bound ds/dt; joint acceleration bounds q'
+d2s/dt2 + q'' (ds/dt)^2, at both ends of every grid interval (toppra's interpolation scheme).
+toppra: H. Pham, Q.-C. Pham, "A New Approach to Time-Optimal Path Parameterization Based on
+Reachability Analysis", IEEE Transactions on Robotics 34(3), 2018.
 
-toppra works with absolute tolerances: time is measured in a unit in which the speed and acceleration of s are about 1, and
-each axis in units of its acceleration limit.
+toppra works with absolute tolerances: time is measured in a unit in which the speed and
+acceleration of s are about 1, and each axis in units of its acceleration limit.
 """
 
 import logging
@@ -43,7 +44,10 @@ class LimitInTheWay:
     place: float
 
     def described(self, axes: Sequence[str] | None = None) -> str:
-        """Say which limit of which axis, and where; axes (n,) are the axes' names, numbers are used without them."""
+        """Say which limit of which axis, and where.
+
+        Axes (n,) are the axes' names, numbers are used without them.
+        """
         where = f"at {100.0 * self.place:.0f} % of the path"
         if self.joint is None:
             return f"the speed limit of the tool centre points {where}"
@@ -56,7 +60,8 @@ class PathTimingError(NoSafePlanError):
 
     Attributes:
         limit: which joint's limit is in the way, and where.
-        effect: what the limit does to the timing, and what to try; continues the description of the limit.
+        effect: what the limit does to the timing, and what to try; continues the description of the
+            limit.
         path: index of the path, where several are timed at once.
     """
 
@@ -105,7 +110,10 @@ class SpeedProfile:
         return np.asarray(np.diff(self.speed) / self.steps)
 
     def squared_speed(self, s: Array) -> Array:
-        """(ds/dt)^2 at path parameters (M,), 1/s^2; exact, as it is linear in s between grid points."""
+        """(ds/dt)^2 at path parameters (M,), 1/s^2.
+
+        Exact, as it is linear in s between grid points.
+        """
         return np.asarray(np.interp(s, self.s, self.speed**2))
 
 
@@ -116,11 +124,13 @@ def time_optimal_profile(
 
     Args:
         path: the path.
-        limits: jerk is not bounded, though its limit must be positive too: the smoothing stage needs it.
+        limits: jerk is not bounded, though its limit must be positive too: the smoothing stage
+            needs it.
         gridpoints: intervals of toppra's backward and forward passes.
 
     Raises:
-        PathTimingError: a limit is not positive and finite, or toppra finds no profile; with the joint and the place.
+        PathTimingError: a limit is not positive and finite, or toppra finds no profile; with the
+            joint and the place.
     """
     _refuse_limits(path, limits)
     s = np.linspace(0.0, 1.0, gridpoints + 1)
@@ -205,7 +215,10 @@ def _refuse_limits(path: JointPath, limits: PathLimits) -> None:
 def _no_profile(
     path: JointPath, limits: PathLimits, s: Array, controllable: Array, speed: Array | None
 ) -> PathTimingError:
-    """Name the joint and the place where toppra found no speed: acceleration alone can leave none there."""
+    """Name the joint and the place where toppra found no speed.
+
+    Acceleration alone can leave none there.
+    """
     failed = np.flatnonzero(~np.isfinite(controllable).all(axis=1))
     if len(failed):
         index = int(failed[-1])  # toppra's first pass runs backwards

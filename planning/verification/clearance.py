@@ -1,10 +1,11 @@
 """Clearances between bodies, at the samples and between them.
 
-For every pair of bodies a motion bound S(t) is accumulated: S(t1) - S(t0) is at least the relative displacement of any two of their
-points from t0 to t1 (see `speed_bounds`), so the distance of the pair changes by no more than that. If the distance is at least
-d0 at t0 and d1 at t1, it is at any time in between at least (d0 + d1 - (S(t1) - S(t0))) / 2. Distances are bounded from below
-at a few samples first (see `shapes`). An interval whose bound is below the required distance is halved, down into the cubic
-between two samples if necessary.
+For every pair of bodies a motion bound S(t) is accumulated: S(t1) - S(t0) is at least the relative
+displacement of any two of their points from t0 to t1 (see `speed_bounds`), so the distance of the
+pair changes by no more than that. If the distance is at least d0 at t0 and d1 at t1, it is at any
+time in between at least (d0 + d1 - (S(t1) - S(t0))) / 2. Distances are bounded from below at a few
+samples first (see `shapes`). An interval whose bound is below the required distance is halved, down
+into the cubic between two samples if necessary.
 """
 
 from collections.abc import Sequence
@@ -29,18 +30,19 @@ SHORTFALL_BETWEEN_SAMPLES = 1e-3
 MEASUREMENT_ERROR = 1e-5
 #: Penetration of a finger into the working table that is tolerated in a contact window, m.
 CONTACT_DEPTH = 1e-4
-#: A pair nearer than this to its required distance is refined until the lower bound and the smallest distance found differ by no
-#: more than REFINED_SHARE of that distance, limited to the interval REFINED, m.
+#: A pair nearer than this to its required distance is refined until the lower bound and the
+#: smallest distance found differ by no more than REFINED_SHARE of that distance, limited to the
+#: interval REFINED, m.
 REFINED_WITHIN = 0.030
 REFINED_SHARE = 0.3
 REFINED = (2e-3, 5e-3)
-#: A shape pair is measured only if its bound is below the smallest distance (or margin) found so far by more than this, m, or below
-#: what is required.
+#: A shape pair is measured only if its bound is below the smallest distance (or margin) found so
+#: far by more than this, m, or below what is required.
 LEAST_GAIN = 1e-4
 #: Intervals are not halved below this, s.
 SHORTEST_INTERVAL = 2e-5
-#: Limits of the work for one motion: distances of shapes that are bounded, and distances that are measured. Plans of the
-#: benchmark need up to 340 000 and 540.
+#: Limits of the work for one motion: distances of shapes that are bounded, and distances that are
+#: measured. Plans of the benchmark need up to 340 000 and 540.
 MOST_BOUNDED = 3_000_000
 MOST_MEASURED = 10_000
 #: Distances that are bounded in one call, which limits the memory.
@@ -190,7 +192,10 @@ class _Search:
         return (low - 1e-9 <= begin) & (end <= high + 1e-9)
 
     def _demands(self, begin: Array, end: Array, shapes: Indices) -> tuple[Array, Array]:
-        """Return the least allowed distances of shape pairs in intervals, m: at samples, and between samples."""
+        """Return the least allowed distances of shape pairs in intervals, m.
+
+        At samples, and between samples.
+        """
         required = self._required[shapes]
         touching = self._touching[shapes] & self._in_contact(begin, end)
         on_samples = required - MEASUREMENT_ERROR * (required > 0.0)
@@ -201,7 +206,10 @@ class _Search:
         )
 
     def _distances(self, moments: Array, rows: Indices, shapes: Indices) -> Array:
-        """Return lower bounds (m,) of the distances of shape pairs at moments[rows], m; measured where the bound is too low."""
+        """Return lower bounds (m,) of the distances of shape pairs at moments[rows], m.
+
+        Measured where the bound is too low.
+        """
         model = self._model
         axes, centres = model.outline_poses(self._frames_at(moments))
         first, second = model.first[shapes], model.second[shapes]
@@ -240,7 +248,10 @@ class _Search:
         return distances
 
     def _frames_at(self, moments: Array) -> Array:
-        """Return the poses (m, 15, 4, 4) of the joints' child frames at times; those at samples are stored."""
+        """Return the poses (m, 15, 4, 4) of the joints' child frames at times.
+
+        Those at samples are stored.
+        """
         leg = self._leg
         index = np.minimum(np.searchsorted(leg.times, moments), len(leg.times) - 1)
         X_WJ = self._X_WJ[index]

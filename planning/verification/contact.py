@@ -14,7 +14,8 @@ from unwrinkle.planning.verification.verdict import Findings
 ARMS = ("right", "left")
 #: Greatest height of a tool centre point above the table at poses at which the blades are down, m.
 DOWN = 0.020
-#: Greatest distance of a tool centre point from its position at the segment's end, at poses at which the grippers change, m.
+#: Greatest distance of a tool centre point from its position at the segment's end, at poses at
+#: which the grippers change, m.
 END_TOLERANCE = 1e-3
 _AT_END = ("grasp", "put-on-table")
 _DOWN = ("touch-table", "free-garment")

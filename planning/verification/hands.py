@@ -1,4 +1,7 @@
-"""Checks of the hands' work on the cloth: places of grasp, pull and put-down, speed while holding, stretch, slack."""
+"""Checks of the hands' work on the cloth.
+
+Places of grasp, pull and put-down, speed while holding, stretch, slack.
+"""
 
 from collections.abc import Sequence
 
@@ -15,11 +18,13 @@ from unwrinkle.planning.verification.verdict import Findings
 ARMS = ("right", "left")
 #: Greatest horizontal distance of the tool centre point from the grasp or put-down point, m.
 PLACE_TOLERANCE = 5e-3
-#: Greatest distance from the line between the two points, m: the tolerance of its ends, and 1 mm for the motion between samples.
+#: Greatest distance from the line between the two points, m: the tolerance of its ends, and 1 mm
+#: for the motion between samples.
 LINE_TOLERANCE = 6e-3
 #: Range of the tool centre point's height above the working table at the gripper events, m.
 HEIGHTS = (-1e-4, 8e-3)
-#: Greatest decrease of the grippers' distance while they hold, and greatest backward motion of a hand on its pull, m.
+#: Greatest decrease of the grippers' distance while they hold, and greatest backward motion of a
+#: hand on its pull, m.
 SLACK = 5e-3
 #: Relative tolerance for rounding.
 TOLERANCE = 1e-9
@@ -35,7 +40,8 @@ def check_hands(
         cell: with the limits at the plan's speed.
         model: of the cell.
         legs: the segments with the motion of their tools.
-        found: receives the checks `grasp`, `pull`, `put_down`, `table`, `tip_speed`, `stretch`, `slack`.
+        found: receives the checks `grasp`, `pull`, `put_down`, `table`, `tip_speed`, `stretch`,
+            `slack`.
     """
     holding = [leg for leg in legs if leg.leg.held]
     _check_speed(holding, cell.limits.tip_speed_holding, found)
@@ -58,7 +64,10 @@ def check_hands(
 
 
 def _between(values: Array, sag: Array) -> Array:
-    """Bound the norm of a vector in every interval: the greater norm at its ends, plus the deviation from the chord."""
+    """Bound the norm of a vector in every interval.
+
+    The greater norm at its ends, plus the deviation from the chord.
+    """
     return np.maximum(values[:-1], values[1:]) + sag
 
 

@@ -1,4 +1,7 @@
-"""Comparison of the numeric kinematics (robot.yaml) with the model files: both must give the same tool poses."""
+"""Comparison of the numeric kinematics (robot.yaml) with the model files.
+
+Both must give the same tool poses.
+"""
 
 from collections.abc import Sequence
 

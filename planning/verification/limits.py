@@ -11,8 +11,9 @@ from unwrinkle.planning.verification.verdict import Findings
 
 #: Relative tolerance for rounding.
 TOLERANCE = 1e-9
-#: A motion whose jerk keeps within J, sampled exactly, gives cubic pieces whose acceleration at an end of an interval of
-#: length h is off by e = -1/h * integral of j(s) (3 s^2 / h - 2 s) ds over the interval, hence |e| <= 8/27 J h.
+#: A motion whose jerk keeps within J, sampled exactly, gives cubic pieces whose acceleration at an
+#: end of an interval of length h is off by e = -1/h * integral of j(s) (3 s^2 / h - 2 s) ds over
+#: the interval, hence |e| <= 8/27 J h.
 JUMP_FACTOR = 8.0 / 27.0
 
 _UNITS = {"velocity": "rad/s", "acceleration": "rad/s²", "jerk": "rad/s³"}
@@ -25,7 +26,8 @@ def check_limits(legs: Sequence[Leg], limits: Limits, axes: Sequence[str], found
         legs: the motion; gripper strokes are skipped.
         limits: at the plan's speed.
         axes: names of the robot's axes.
-        found: receives the checks `position`, `velocity`, `acceleration`, `jerk`, `acceleration_jump`.
+        found: receives the checks `position`, `velocity`, `acceleration`, `jerk`,
+            `acceleration_jump`.
     """
     moving = [leg for leg in legs if leg.name != "grippers"]
     _check_positions(moving, limits, axes, found)
@@ -44,7 +46,10 @@ def _derivative(leg: Leg, name: str) -> Array:
 
 
 def _jumps(leg: Leg, jerk: Array) -> tuple[Array, Array]:
-    """Return the jumps of acceleration at every sample, (n, axes), rad/s^2, and their limits; the arms rest before and after."""
+    """Return the jumps of acceleration at every sample, (n, axes), rad/s^2, and their limits.
+
+    The arms rest before and after.
+    """
     count = len(jerk)
     begin, end = (a[:, :count] for a in leg.acceleration)
     rest = np.zeros((1, count))

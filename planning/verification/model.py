@@ -56,9 +56,11 @@ class CellModel:
         pair_of: (G,) index of their bodies in `pairs`.
         reach: (G,) sum of the radii of their bounding spheres, m.
         table_height: of the working table, m.
-        tool_chains: per arm the joints (columns of a leg) that move its tool centre point, from the world outwards.
+        tool_chains: per arm the joints (columns of a leg) that move its tool centre point, from the
+            world outwards.
         chains: per moving body the joints (columns of a leg) that move it, from the world outwards.
-        corners: per moving body the corners (8, 3) of a box around its shapes, in the child frame of its last joint.
+        corners: per moving body the corners (8, 3) of a box around its shapes, in the child frame
+            of its last joint.
     """
 
     def __init__(self, cell: Cell) -> None:
@@ -94,7 +96,10 @@ class CellModel:
         self._find_pairs()
 
     def set_positions(self, positions: Array) -> QueryObject:
-        """Set the positions (15,) of axes, rad, and blades, m; return the geometry queries there."""
+        """Set the positions (15,) of axes, rad, and blades, m.
+
+        Return the geometry queries there.
+        """
         self._positions[self._columns] = positions
         self._plant.SetPositions(self._context, self._positions)
         return self._plant.get_geometry_query_input_port().Eval(self._context)
@@ -103,8 +108,8 @@ class CellModel:
         """Compute poses in the world at each of (n, 15) positions.
 
         Returns:
-            (n, 15, 4, 4) of the joints' child frames (joint axes go through their origins), and (n, 2, 4, 4) of
-            the tool centre points' frames.
+            (n, 15, 4, 4) of the joints' child frames (joint axes go through their origins), and (n,
+            2, 4, 4) of the tool centre points' frames.
         """
         children = [joint.frame_on_child() for joint in self._joints]
         X_WJ = np.empty((len(positions), JOINTS, 4, 4))
@@ -211,7 +216,8 @@ class CellModel:
         """Refuse roles that would silently change a required clearance.
 
         Raises:
-            InputError: a link that the models do not have, or an adjacent pair with more than one joint between.
+            InputError: a link that the models do not have, or an adjacent pair with more than one
+                joint between.
         """
         robot = self.cell.robot
         wanted = [name for pair in robot.adjacent for name in pair]
@@ -260,8 +266,8 @@ class CellModel:
     def _pair(self, a: str, b: str) -> BodyPair | None:
         """Return the clearance of two bodies; None if there is none.
 
-        There is none for two bodies without relative motion, for the two sides of one joint (their shapes overlap there),
-        and for the two fingers of one gripper (they meet when it closes).
+        There is none for two bodies without relative motion, for the two sides of one joint (their
+        shapes overlap there), and for the two fingers of one gripper (they meet when it closes).
         """
         chains = self._chain[a], self._chain[b]
         if chains[0] == chains[1] or frozenset((a, b)) in self._neighbours:
@@ -277,7 +283,10 @@ class CellModel:
         return BodyPair((a, b), (bodies[0], bodies[1]), shared, kind, required, arm)
 
     def _side(self, name: str) -> int:
-        """Return the index of the arm that a body (scoped name) belongs to, gripper included; -1 for none."""
+        """Return the index of the arm that a body (scoped name) belongs to, gripper included.
+
+        -1 for none.
+        """
         arm = self.cell.robot.arm_of(scoped(name)[0])
         return -1 if arm is None else arm
 

@@ -1,8 +1,9 @@
 """The motion that is verified: cubic pieces with exact extremes, and gripper strokes between segments.
 
-Between two samples the controller runs the cubic Hermite interpolant of positions and velocities. Its acceleration is linear and
-its jerk constant, so the extremes of every derivative follow in closed form. The verification has its own cubic on purpose:
-it does not rely on the one of planner and driver.
+Between two samples the controller runs the cubic Hermite interpolant of positions and velocities.
+Its acceleration is linear and its jerk constant, so the extremes of every derivative follow in
+closed form. The verification has its own cubic on purpose: it does not rely on the one of planner
+and driver.
 """
 
 from dataclasses import dataclass
@@ -45,7 +46,10 @@ class Leg:
 
     @cached_property
     def acceleration(self) -> tuple[Array, Array]:
-        """Acceleration at the start and at the end of every interval, (n-1, 15) each; linear in between."""
+        """Acceleration at the start and at the end of every interval, (n-1, 15) each.
+
+        Linear in between.
+        """
         h = self.step
         chord = np.diff(self.positions, axis=0) / h
         v0, v1 = self.velocities[:-1], self.velocities[1:]
@@ -59,7 +63,10 @@ class Leg:
 
     @cached_property
     def greatest_velocity(self) -> Array:
-        """Greatest absolute velocity in every interval, (n-1, 15); exact: at an end, or where acceleration is 0."""
+        """Greatest absolute velocity in every interval, (n-1, 15).
+
+        Exact: at an end, or where acceleration is 0.
+        """
         begin, end = self.acceleration
         v0, v1 = self.velocities[:-1], self.velocities[1:]
         inside = begin * end < 0.0
@@ -69,12 +76,18 @@ class Leg:
 
     @cached_property
     def greatest_acceleration(self) -> Array:
-        """Greatest absolute acceleration in every interval, (n-1, 15); exact: at one of its ends."""
+        """Greatest absolute acceleration in every interval, (n-1, 15).
+
+        Exact: at one of its ends.
+        """
         begin, end = self.acceleration
         return np.maximum(np.abs(begin), np.abs(end))
 
     def position_extremes(self) -> tuple[Array, Array]:
-        """Least and greatest position in every interval, (n-1, 15) each; exact: at an end, or where velocity is 0."""
+        """Least and greatest position in every interval, (n-1, 15) each.
+
+        Exact: at an end, or where velocity is 0.
+        """
         low = np.minimum(self.positions[:-1], self.positions[1:])
         high = np.maximum(self.positions[:-1], self.positions[1:])
         begin, _ = self.acceleration

@@ -117,8 +117,9 @@ def _check_arm(
 def tool_angles(R_WT: Array, claimed: Array) -> tuple[Array, Array, Array]:
     """Tilt below the horizontal, heading against a claimed one, and roll about the approach axis, rad.
 
-    z of a tool is its approach axis, y goes from the lower to the upper blade. Of the two descriptions of one posture (the
-    other has a tilt beyond the vertical) the one nearer to the claimed heading is taken.
+    z of a tool is its approach axis, y goes from the lower to the upper blade. Of the two
+    descriptions of one posture (the other has a tilt beyond the vertical) the one nearer to the
+    claimed heading is taken.
 
     Args:
         R_WT: (n, 3, 3).

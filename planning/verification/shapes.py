@@ -1,10 +1,11 @@
 """Reliable distances between convex shapes: each is the width of a gap between two parallel planes that separate the shapes.
 
-For any unit vector n, the gap between the extents of two convex sets along n is a lower bound of their (signed) distance; for the
-right n it is equal. Drake's distance query uses a GJK that overestimates the distance of boxes with parallel faces, in
-this cell by up to 140 mm (FCL issue 508), and may throw close to contact (Drake issue 21234). Its answer is therefore used
-only as a candidate for n, beside the faces' normals. If no gap confirms it, the distance of the shapes' boxes is computed as a
-bounded least-squares problem.
+For any unit vector n, the gap between the extents of two convex sets along n is a lower bound of
+their (signed) distance; for the right n it is equal. Drake's distance query uses a GJK that
+overestimates the distance of boxes with parallel faces, in this cell by up to 140 mm (FCL issue
+508), and may throw close to contact (Drake issue 21234). Its answer is therefore used only as a
+candidate for n, beside the faces' normals. If no gap confirms it, the distance of the shapes' boxes
+is computed as a bounded least-squares problem.
 """
 
 from collections.abc import Sequence
@@ -35,7 +36,8 @@ CONFIRMED = 1e-7
 class Shapes:
     """Centrally symmetric outlines of N collision shapes: Minkowski sums of a box, a disk about its z axis and a ball.
 
-    Exact for boxes, cylinders, capsules and spheres; other shapes are replaced by their bounding boxes.
+    Exact for boxes, cylinders, capsules and spheres; other shapes are replaced by their bounding
+    boxes.
 
     Attributes:
         ids: of the geometries in the scene graph.
@@ -166,8 +168,8 @@ def measure(
         p: (3,) from the first shape's centre to the second's, m.
 
     Returns:
-        A lower bound of the distance (equal to it for boxes), m, and the unit vector (3,) along which the shapes have that
-        gap, or zeros.
+        A lower bound of the distance (equal to it for boxes), m, and the unit vector (3,) along
+        which the shapes have that gap, or zeros.
     """
     pair = np.array([first]), np.array([second]), (R[0][None], R[1][None]), p[None]
     claimed, n = np.inf, np.zeros(3)
@@ -196,7 +198,10 @@ def measure(
 def _box_direction(
     shapes: Shapes, first: Indices, second: Indices, R: tuple[Array, Array], p: Array
 ) -> Array | None:
-    """Return the direction (3,) between the nearest points of two shapes' bounding boxes; None if the boxes intersect."""
+    """Return the direction (3,) between the nearest points of two shapes' bounding boxes.
+
+    None if the boxes intersect.
+    """
     extents = [shapes.corners(int(i[0])).max(axis=0) for i in (first, second)]
     limit = np.concatenate(extents)
     matrix = np.hstack([R[0][0], -R[1][0]])

@@ -1,17 +1,18 @@
 """Upper bounds on the speed of points on a chain of joints within an interval, from the extremes of the joints.
 
-A point p is carried by revolute joints 1..J. Joint k rotates it about an axis at distance rho_k; the joints beyond k move it
-relative to the frame of joint k. With bounds w, a, j of a joint's velocity,
-acceleration and jerk, the derivatives of its rotation R are bounded by |R'| <= w, |R''| <= w^2 + a, |R'''| <= w^3 + 3 w a + j,
-and Leibniz's rule gives, from the last joint inwards (P_n bounds the n-th derivative of p relative to the frame before the joint):
+A point p is carried by revolute joints 1..J. Joint k rotates it about an axis at distance rho_k;
+the joints beyond k move it relative to the frame of joint k. With bounds w, a, j of a joint's
+velocity, acceleration and jerk, the derivatives of its rotation R are bounded by |R'| <= w, |R''|
+<= w^2 + a, |R'''| <= w^3 + 3 w a + j, and Leibniz's rule gives, from the last joint inwards (P_n
+bounds the n-th derivative of p relative to the frame before the joint):
 
     P_1 <- P_1 + w rho
     P_2 <- P_2 + 2 w P_1 + (w^2 + a) rho
     P_3 <- P_3 + 3 w P_2 + 3 (w^2 + a) P_1 + (w^3 + 3 w a + j) rho
 
-Within the interval rho_k changes no faster than P_1 of the joints beyond k, so that from its values at both ends
-rho_k <= (rho_begin + rho_end + h P_1) / 2. (P_1 bounds the full speed of the point, hence also its component across the axis.)
-A prismatic joint adds its own derivatives.
+Within the interval rho_k changes no faster than P_1 of the joints beyond k, so that from its values
+at both ends rho_k <= (rho_begin + rho_end + h P_1) / 2. (P_1 bounds the full speed of the point,
+hence also its component across the axis.) A prismatic joint adds its own derivatives.
 """
 
 from collections.abc import Sequence
@@ -74,7 +75,8 @@ def derivative_bounds(
 ) -> tuple[Array, Array, Array]:
     """Bound the first three derivatives of a point's position in every interval, (n-1,) each.
 
-    Args as in `speed_bounds`, all joints revolute; acceleration and jerk (n-1, J) as bounds of absolute values.
+    Args as in `speed_bounds`, all joints revolute; acceleration and jerk (n-1, J) as bounds of
+    absolute values.
     """
     P1, P2, P3 = (np.zeros(len(step)) for _ in range(3))
     for k in reversed(range(rho.shape[1])):

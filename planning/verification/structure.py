@@ -1,4 +1,7 @@
-"""Checks of a plan's structure: hashes, numbers, segments, gripper events, start, rest and continuity."""
+"""Checks of a plan's structure.
+
+Hashes, numbers, segments, gripper events, start, rest and continuity.
+"""
 
 import dataclasses as dc
 
@@ -18,21 +21,26 @@ POSES = (
     ("pull", "put-on-table"),
     ("free-garment", "leave-table"),
 )
-#: Limit of segments, poses of a segment, and gripper events; a valid plan has at most three of each.
+#: Limit of segments, poses of a segment, and gripper events; a valid plan has at most three of
+#: each.
 MOST_PARTS = 12
-#: Limit of any number outside the samples (s, rad, shares): above it the clock's rounding error would reach microseconds.
+#: Limit of any number outside the samples (s, rad, shares): above it the clock's rounding error
+#: would reach microseconds.
 GREATEST = 1e6
 #: Limit of the samples of a plan; more take too long to verify.
 MOST_SAMPLES = 20_000
-#: Greatest difference of the grasp direction from the target's, rad: beyond it the blades would enter from the side or from inside.
+#: Greatest difference of the grasp direction from the target's, rad: beyond it the blades would
+#: enter from the side or from inside.
 GREATEST_OFFSET = np.radians(75.0)
-#: Greatest pull of one hand over the target's pull distance; the shares of all hands add up to at most their number.
+#: Greatest pull of one hand over the target's pull distance; the shares of all hands add up to at
+#: most their number.
 GREATEST_SHARE = 2.0
 #: Tolerance of the sum of shares.
 SHARE_TOLERANCE = 1e-9
 #: Tolerance of times on the plan's clock, s.
 TIME_TOLERANCE = 1e-6
-#: Greatest distance of the first point from the robot's configuration, rad; the tolerance of MotoROS clients.
+#: Greatest distance of the first point from the robot's configuration, rad; the tolerance of
+#: MotoROS clients.
 START_TOLERANCE = 1e-4
 #: Greatest distance between the end of a segment and the start of the next, rad.
 CONTINUITY_TOLERANCE = 1e-9
@@ -71,7 +79,10 @@ def check_speed(plan: FlatteningPlan, cell: Cell, found: Findings) -> None:
 
 
 def check_numbers(plan: FlatteningPlan, found: Findings) -> None:
-    """Check that numbers outside the samples are finite and the counts are within limits. Adds the check `numbers`."""
+    """Check that numbers outside the samples are finite and the counts are within limits.
+
+    Adds the check `numbers`.
+    """
     counts = [len(plan.segments), len(plan.events), *(len(s.poses) for s in plan.segments)]
     if max(counts) > MOST_PARTS:
         found.fail(
@@ -223,7 +234,10 @@ def _check_contact(plan: FlatteningPlan, name: str, found: Findings) -> None:
 
 
 def check_rest(plan: FlatteningPlan, start: Array, found: Findings) -> None:
-    """Check the start, rest at both ends of every segment, and continuity. Adds the checks `start`, `rest`, `continuity`."""
+    """Check the start, rest at both ends of every segment, and continuity.
+
+    Adds the checks `start`, `rest`, `continuity`.
+    """
     first = plan.segments[0].trajectory.positions[0]
     _check_equal("start", first, start, START_TOLERANCE, "the robot stands", 0.0, plan, found)
     speed, where, when = 0.0, "", 0.0

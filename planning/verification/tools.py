@@ -1,7 +1,8 @@
 """Motion of the tools over whole legs: place, posture, height and speed, bounded between samples.
 
-Between two samples the deviation of a tool centre point from the chord of its positions is at most h^2 / 8 times a bound on its
-acceleration; the same holds for the tool's axes. Where that is too large, the leg is resampled at more times of the same cubic.
+Between two samples the deviation of a tool centre point from the chord of its positions is at most
+h^2 / 8 times a bound on its acceleration; the same holds for the tool's axes. Where that is too
+large, the leg is resampled at more times of the same cubic.
 """
 
 from collections.abc import Sequence
@@ -137,7 +138,8 @@ class ToolLeg:
 def away_from_place(tool: ToolMotion, hand: HandTarget, share: float, model: CellModel) -> Array:
     """Compute the distance (n,), m, of a tool from its place of work: horizontally from the line of its pull, or vertically.
 
-    The greater of the two is returned; the line runs from the grasp to the put-down point on the table.
+    The greater of the two is returned; the line runs from the grasp to the put-down point on the
+    table.
 
     Args:
         tool: motion of the tool.

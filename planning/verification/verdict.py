@@ -3,7 +3,8 @@
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-#: Kinds of violation, each with the condition that is checked. A check has the name of its violations.
+#: Kinds of violation, each with the condition that is checked. A check has the name of its
+#: violations.
 CHECKS = {
     "hash": "content, robot and limits have the hashes that the plan states",
     "speed": "the plan's speed fraction is no greater than the cell's",
@@ -89,13 +90,14 @@ class PairClearance:
 
     Attributes:
         bodies: scoped names.
-        kind: of the pair: arm-arm, arm-table, palm-table, finger-table, surroundings, adjacent or self.
-        distance: smallest geometric distance of the collision shapes found at a checked time (negative:
-            depth of penetration); the padding is not subtracted.
+        kind: of the pair: arm-arm, arm-table, palm-table, finger-table, surroundings, adjacent or
+            self.
+        distance: smallest geometric distance of the collision shapes found at a checked time
+            (negative: depth of penetration); the padding is not subtracted.
         time: of that distance on the plan's clock, s.
         bound: lower bound of the distance at any time of the plan, at and between samples.
-        required: padding demanded where the margin is smallest (fingers need none over the working table
-            while they are meant to touch it).
+        required: padding demanded where the margin is smallest (fingers need none over the working
+            table while they are meant to touch it).
         margin: smallest difference of a distance found and the padding required at that time.
     """
 
@@ -118,9 +120,11 @@ class Verdict:
         limits_hash: of the limits it was verified with.
         checks: one per entry of `CHECKS` that applies.
         violations: empty for a plan that passes.
-        clearances: per pair of bodies that came within the search distance, nearest to its padding first.
+        clearances: per pair of bodies that came within the search distance, nearest to its padding
+            first.
         elsewhere: lower bound of the distance of all other pairs at any time, m.
-        queries: number of configurations in which distances were measured; 0 if an earlier check refused the plan.
+        queries: number of configurations in which distances were measured; 0 if an earlier check
+            refused the plan.
     """
 
     plan_hash: str
@@ -141,7 +145,8 @@ class Verdict:
     def smallest(self) -> PairClearance | None:
         """The pair with the smallest distance, of all that must not touch; None if no such pair came near.
 
-        Pairs that are near by design are left out: fingers and working table, links of one arm, adjacent links.
+        Pairs that are near by design are left out: fingers and working table, links of one arm,
+        adjacent links.
         """
         pairs = [pair for pair in self.clearances if pair.kind not in NEAR_BY_DESIGN]
         return min(pairs, key=lambda pair: pair.distance, default=None)
@@ -188,7 +193,10 @@ class Verdict:
         ]
 
     def clearance_rows(self, count: int = 12) -> list[tuple[str, str, str, str, str, str]]:
-        """Return the pairs with the smallest margins as text: bodies, kind, distance, bound, required, time."""
+        """Return the pairs with the smallest margins as text.
+
+        Bodies, kind, distance, bound, required, time.
+        """
         return [
             (
                 " - ".join(pair.bodies),

@@ -1,22 +1,27 @@
 """Independent verification of a flattening plan against the model of the cell.
 
-It shares only the models and the plan's types with the planner. The motion that is verified is the cubic interpolation of the
-samples as the controller takes them (whole milliseconds, float32, in every profile). For a plan that passes, the following holds
-for that motion in Drake's model of the cell:
+It shares only the models and the plan's types with the planner. The motion that is verified is the
+cubic interpolation of the samples as the controller takes them (whole milliseconds, float32, in
+every profile). For a plan that passes, the following holds for that motion in Drake's model of the
+cell:
 
-- position, velocity, acceleration and jerk of every axis keep their limits at every time (exact extremes), and the acceleration
-  jumps between cubic pieces by no more than a motion of that jerk allows;
-- every pair of bodies that move against each other keeps its clearance at every sample (to 0.01 mm); between samples it is at no
-  time more than 1 mm below it, and never in contact; gripper strokes are included. Fingers touch the working table in contact
-  windows only, in which the tools are at the place of work, and penetrate it by no more than 0.1 mm;
-- during contact and holding the tools have the posture that the plan states, within the gripper's window, and the turn-table has
-  the angle that the plan states; while cloth is held the tools stay on the line of the pull, below the holding height and the
-  speed limit, and the grippers below their greatest distance; open fingers near the table keep their speed limits;
+- position, velocity, acceleration and jerk of every axis keep their limits at every time (exact
+  extremes), and the acceleration jumps between cubic pieces by no more than a motion of that jerk
+  allows;
+- every pair of bodies that move against each other keeps its clearance at every sample (to 0.01
+  mm); between samples it is at no time more than 1 mm below it, and never in contact; gripper
+  strokes are included. Fingers touch the working table in contact windows only, in which the tools
+  are at the place of work, and penetrate it by no more than 0.1 mm;
+- during contact and holding the tools have the posture that the plan states, within the gripper's
+  window, and the turn-table has the angle that the plan states; while cloth is held the tools stay
+  on the line of the pull, below the holding height and the speed limit, and the grippers below
+  their greatest distance; open fingers near the table keep their speed limits;
 - grasp, pull and put-down points lie on the working table;
 - segments, gripper events, named poses, start, rest, continuity and hashes are as required.
 
-Assumptions: rigid bodies of exactly the modelled shapes, exact tracking, the stereo head at rest at the scenario's gaze, both
-grippers open at the start. The garment is not modelled. The work is bounded: a plan that exceeds the bound is refused.
+Assumptions: rigid bodies of exactly the modelled shapes, exact tracking, the stereo head at rest at
+the scenario's gaze, both grippers open at the start. The garment is not modelled. The work is
+bounded: a plan that exceeds the bound is refused.
 """
 
 import logging
@@ -62,14 +67,16 @@ def verify(plan: FlatteningPlan, cell: Cell, *, start: ArrayLike | None = None) 
 
     Args:
         plan: to be executed.
-        cell: the robot in its cell. Its limits are taken at the plan's speed fraction, which may not exceed the scenario's.
+        cell: the robot in its cell. Its limits are taken at the plan's speed fraction, which may
+            not exceed the scenario's.
         start: (axes,) configuration in which the robot stands, rad; home if left out.
 
     Returns:
         A verdict; a plan that fails gives violations, not an exception.
 
     Raises:
-        InputError: `start` is not one finite number per axis, or the cell's models do not fit together.
+        InputError: `start` is not one finite number per axis, or the cell's models do not fit
+            together.
     """
     clock = time.perf_counter()
     home = cell.robot.named_states["home"]
@@ -79,7 +86,8 @@ def verify(plan: FlatteningPlan, cell: Cell, *, start: ArrayLike | None = None) 
         raise InputError(f"the start has shape {standing.shape}, expected {count} finite numbers")
     found = Findings()
     check_numbers(plan, found)
-    # At the same speed the cell itself is used, since its limits may differ from those of its files.
+    # At the same speed the cell itself is used, since its limits may differ from those of its
+    # files.
     report, slower = ClearanceReport((), 0.0, 0), cell
     if not found.failed("numbers"):
         check_speed(plan, cell, found)

@@ -204,7 +204,8 @@ def _triangles_near(
 def _crossings(corners: Array, width: float, low: float, high: float) -> Array:
     """Return z (m, k) of rays along the blades' axis on triangles (m, 3, 3); NaN without a hit.
 
-    The rays are _RAY_SPACING_M apart over |x| <= width / 2 and low <= y <= high, sorted by x, then y.
+    The rays are _RAY_SPACING_M apart over |x| <= width / 2 and low <= y <= high, sorted by x, then
+    y.
     """
     x = (np.arange(round(width / _RAY_SPACING_M)) + 0.5) * _RAY_SPACING_M - 0.5 * width
     count = max(1, round((high - low) / _RAY_SPACING_M))

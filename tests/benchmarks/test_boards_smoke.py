@@ -1,4 +1,7 @@
-"""Every board, small, from its command to its page: that it runs, and that nobody takes it for the result."""
+"""Every board, small, from its command to its page.
+
+That it runs, and that nobody takes it for the result.
+"""
 
 import json
 from pathlib import Path

@@ -1,4 +1,7 @@
-"""The checker of what was sent: it sees what is beyond a limit, and forgives the wire's rounding alone."""
+"""The checker of what was sent.
+
+It sees what is beyond a limit, and forgives the wire's rounding alone.
+"""
 
 import numpy as np
 import pytest

@@ -12,7 +12,8 @@ pytestmark = pytest.mark.alone
 
 #: Those that start processes, or run the whole loop.
 SLOW = {"P1", "V1", "V2", "V5", "G2"}
-#: Those that run `unwrinkle execute` several times: left to the benchmark, their pieces stand in tests/unwrinkle/execution.
+#: Those that run `unwrinkle execute` several times: left to the benchmark, their pieces stand in
+#: tests/unwrinkle/execution.
 LONG = {"C2", "G1", "P4", "V6", "F1"}
 
 

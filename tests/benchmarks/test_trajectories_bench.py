@@ -121,14 +121,18 @@ def test_the_judge_sees_each_violation():
         q[:, 3] = size * np.sin(omega * t)
         v[:, 3] = size * omega * np.cos(omega * t)
         ratios = limit_ratios((t, q, v), LIMITS)[name]
-        # Rest before and after counts as a jump of acceleration, which is none for velocity and acceleration.
+        # Rest before and after counts as a jump of acceleration, which is none for velocity and
+        # acceleration.
         inner = ratios[5:-5] if name == "jerk" else ratios
         assert inner[:, 3].max() == pytest.approx(2.0, rel=0.03)
         assert np.delete(ratios, 3, axis=1).max() == 0.0
 
 
 def test_the_judge_sees_a_jump_of_acceleration():
-    """A trapezoid of speed, sampled: the jerk seen is the jump over the period, however small the period."""
+    """A trapezoid of speed, sampled.
+
+    The jerk seen is the jump over the period, however small the period.
+    """
     for period in (0.01, 0.001):
         t = np.arange(0.0, 1.0 + period / 2, period)
         v = np.zeros((len(t), 13))

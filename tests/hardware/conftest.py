@@ -80,7 +80,8 @@ def make_trajectory(stream_limits: StreamLimits) -> TrajectoryMaker:
 class Rig:
     """A driver and a virtual controller over TCP on loopback, polled in turn on one clock that the test moves.
 
-    Each turn lasts 4 ms; before the driver reads, all that the server has sent has arrived, and the other way round.
+    Each turn lasts 4 ms; before the driver reads, all that the server has sent has arrived, and the
+    other way round.
     """
 
     def __init__(

@@ -123,7 +123,8 @@ def test_tool_centre_point_is_the_lowest_edge_when_tilted(cell, twin):
     X_WT = twin.pose("r1_gripper", "tcp", np.zeros(13))
     inspector = scene_graph.model_inspector()
     for tilt in np.radians([30.0, 45.0, 60.0, 75.0]):
-        # Direction "down" in the tool's frame: z is the approach, tilted below the horizontal, y up the blades.
+        # Direction "down" in the tool's frame: z is the approach, tilted below the horizontal, y up
+        # the blades.
         down_T = np.array([0.0, -np.cos(tilt), np.sin(tilt)])
         lowest = -np.inf
         for name in ("palm", "lower_finger", "upper_finger"):

@@ -60,7 +60,10 @@ def with_header(members: dict[str, bytes], text: str) -> dict[str, bytes]:
 
 
 def edited(members: dict[str, bytes], edit: Callable[[Header], object]) -> dict[str, bytes]:
-    """The members with an edit of the header; not of its hash, since a damaged field is found before."""
+    """The members with an edit of the header.
+
+    Not of its hash, since a damaged field is found before.
+    """
     header = json.loads(str(np.load(io.BytesIO(members["header.npy"]))))
     edit(header)
     return with_header(members, json.dumps(header))
@@ -210,7 +213,10 @@ def test_two_members_of_one_name(members: dict[str, bytes], tmp_path: Path) -> N
 def test_members_that_cannot_be_unpacked(
     members: dict[str, bytes], tmp_path: Path, spoil: str
 ) -> None:
-    """Flags of the central directory and of the local header: encrypted, or packed in an unknown way."""
+    """Flags of the central directory and of the local header.
+
+    Encrypted, or packed in an unknown way.
+    """
     path = written(tmp_path / "spoilt.npz", members)
     data = bytearray(path.read_bytes())
     for signature, flags, method in ((b"PK\x03\x04", 6, 8), (b"PK\x01\x02", 8, 10)):

@@ -1,4 +1,7 @@
-"""Fixtures of the tests of the virtual controller's server: a client on all three ports, on a clock of its own."""
+"""Fixtures of the tests of the virtual controller's server.
+
+A client on all three ports, on a clock of its own.
+"""
 
 from collections.abc import Callable, Iterator
 
@@ -102,7 +105,10 @@ class ControllerClient:
         assert [MotionReply.of(reply).result for reply in replies] == [0]
 
     def move(self, sequence: int, *, step: float | None = None) -> list[tuple[int, int]]:
-        """Send one point of all groups on a slow ramp, a step (a period) after what was before; the results."""
+        """Send one point of all groups on a slow ramp, a step (a period) after what was before.
+
+        The results.
+        """
         t = 0.02 * sequence
         out = []
         self.poll(self.controller.settings.period if step is None else step)

@@ -224,5 +224,8 @@ class Devices:
 
 @pytest.fixture
 def make_rig(station_cell: Cell) -> Callable[..., Rig]:
-    """Return a function that makes stations of every form; a folder of pairs replaces real cameras."""
+    """Return a function that makes stations of every form.
+
+    A folder of pairs replaces real cameras.
+    """
     return lambda form, folder: Rig(form, station_cell, folder)

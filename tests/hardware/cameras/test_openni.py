@@ -1,4 +1,7 @@
-"""The depth frame of an OpenNI2 device, against a binding that is a fake: size, mirroring, and what is missing."""
+"""The depth frame of an OpenNI2 device, against a binding that is a fake.
+
+Size, mirroring, and what is missing.
+"""
 
 import sys
 from types import ModuleType, SimpleNamespace
@@ -12,7 +15,10 @@ from unwrinkle.models.errors import HardwareError
 
 
 class Stream:
-    """A depth or a colour stream: columns count up from the left, and the first frame is not settled."""
+    """A depth or a colour stream.
+
+    Columns count up from the left, and the first frame is not settled.
+    """
 
     def __init__(self, binding: "Binding", kind: type[Any]) -> None:
         self.binding, self.kind = binding, kind

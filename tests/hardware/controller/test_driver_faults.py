@@ -1,4 +1,7 @@
-"""Faults while the driver runs a trajectory: what stops, how, what the user reads, and that it latches."""
+"""Faults while the driver runs a trajectory.
+
+What stops, how, what the user reads, and that it latches.
+"""
 
 from collections.abc import Callable
 from typing import Any

@@ -135,7 +135,8 @@ def test_impossible_feedback(monitor: Monitor, limits: Limits) -> None:
     moved[5] = 1.7 * limits.velocity[5] * 0.025 + 5e-3
     found = monitor.plausible(feedback(moved, 0.025), feedback(still, 0.0))
     assert found is not None and "r1_b jumped" in found.text and not found.brake
-    # Sets that waited are received at once; the controller's stamps, or its period, tell the time between.
+    # Sets that waited are received at once; the controller's stamps, or its period, tell the time
+    # between.
     slow = still.copy()
     slow[5] = 0.05
     assert monitor.plausible(feedback(slow, 1.0, 0.525), feedback(still, 1.0, 0.5)) is None

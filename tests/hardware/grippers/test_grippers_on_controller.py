@@ -1,4 +1,7 @@
-"""Digital grippers through the controller's driver: over TCP to the virtual controller and its virtual grippers."""
+"""Digital grippers through the controller's driver.
+
+Over TCP to the virtual controller and its virtual grippers.
+"""
 
 from collections.abc import Callable
 from typing import Any

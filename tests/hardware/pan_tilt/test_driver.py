@@ -1,4 +1,7 @@
-"""The pan-tilt unit's driver, against a virtual unit on a fake clock: what it sends, refuses and survives."""
+"""The pan-tilt unit's driver, against a virtual unit on a fake clock.
+
+What it sends, refuses and survives.
+"""
 
 from collections.abc import Callable
 from math import nan, pi

@@ -37,7 +37,10 @@ def greatest_use(samples: list[Sample], trajectory: Trajectory, limits: StreamLi
 
 
 def distance_from_path(samples: list[Sample], trajectory: Trajectory) -> float:
-    """Of the points sent, at their own s, and of the cubics between them, wherever s may be; rad."""
+    """Of the points sent, at their own s, and of the cubics between them, wherever s may be.
+
+    Rad.
+    """
     curve = trajectory.interpolant()
     sent = max(np.abs(curve(sample.s) - sample.positions).max() for sample in samples)
     assert sent <= ROUNDING

@@ -136,7 +136,10 @@ def test_a_start_in_collision_or_beyond_the_limits_is_refused(planner, make_targ
 
 @pytest.mark.parametrize(("y", "pull"), [(-0.79, 0.01), (-0.82, 0.03)])
 def test_targets_beyond_the_edge_of_the_table_are_refused_by_name(planner, make_target, y, pull):
-    """Once the grasp point lies beside the table, once the pull ends there; the table ends at y = -0.80."""
+    """Once the grasp point lies beside the table, once the pull ends there.
+
+    The table ends at y = -0.80.
+    """
     target = make_target((0.0, y - 0.24), np.pi / 2, pull=pull)
     for arms in ("any", "dual", "single"):
         result = planner.plan(target, arms=arms)
@@ -230,7 +233,10 @@ def test_the_arm_of_a_pull_straight_ahead(make_target):
 
 
 def test_the_other_arm_serves_where_the_suggested_one_cannot(cell, make_target):
-    """Every motion of the suggested arm is refused: then come those of the other, and none before."""
+    """Every motion of the suggested arm is refused.
+
+    Then come those of the other, and none before.
+    """
     target = make_target(phi=0.3, half=0.10, pull=0.02)
     settings = narrow(tilts=(45, 60), turntable=(0, 15, -15), offsets=(0,))
     search = MotionSearch(cell, settings, Kinematics(cell), CollisionModel(cell, contact=True))

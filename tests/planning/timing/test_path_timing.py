@@ -63,7 +63,10 @@ def test_limits_hold_between_samples_and_the_path_is_kept(seed, size):
 
 @pytest.mark.parametrize("size", [0.05, 0.3, 1.0, 2.0])
 def test_straight_line_is_as_fast_as_the_optimum(size):
-    """Along a straight line ruckig's rest-to-rest motion is optimal: the law may be at most 1 % slower."""
+    """Along a straight line ruckig's rest-to-rest motion is optimal.
+
+    The law may be at most 1 % slower.
+    """
     rng = np.random.default_rng(4)
     start, goal = rng.uniform(-0.5, 0.5, 13), rng.uniform(-0.5, 0.5, 13)
     goal = start + size * (goal - start)
@@ -101,7 +104,10 @@ def test_tip_speed_is_capped():
 
 @pytest.mark.parametrize("speed", [0.1, 0.2, 0.5, 1.0])
 def test_joint_lines_keep_to_the_line_and_their_limits_as_sent(speed):
-    """400 random lines, every other one short: at lower speeds other axes' limits decide than at full speed."""
+    """400 random lines, every other one short.
+
+    At lower speeds other axes' limits decide than at full speed.
+    """
     rng, limits, period = (
         np.random.default_rng(5),
         LIMITS.scaled(speed),

@@ -1,4 +1,7 @@
-"""Both smoothings: within the limits on the samples as sent, and verified as whole plans; the start of `optimal`."""
+"""Both smoothings: within the limits on the samples as sent, and verified as whole plans.
+
+The start of `optimal`.
+"""
 
 import dataclasses as dc
 

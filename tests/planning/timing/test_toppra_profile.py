@@ -60,7 +60,10 @@ def test_straight_path_is_run_by_the_trapezoid_of_speed(way, velocity, accelerat
 
 
 def test_circle_is_run_at_the_speed_of_its_centripetal_acceleration():
-    """On a half circle of radius r the speed is at most sqrt(a r): where one axis turns, all of its acceleration is used."""
+    """On a half circle of radius r the speed is at most sqrt(a r).
+
+    Where one axis turns, all of its acceleration is used.
+    """
     angle = np.linspace(0.0, np.pi, 60)
     path = JointPath.through(0.5 * np.stack([np.cos(angle), np.sin(angle)], axis=1))
     profile = time_optimal_profile(path, limits(100.0, 2.0))

@@ -1,4 +1,7 @@
-"""Plans whose motion is made anew with the tools elsewhere: smooth, slow, within every limit, and wrong in one way."""
+"""Plans whose motion is made anew with the tools elsewhere.
+
+Smooth, slow, within every limit, and wrong in one way.
+"""
 
 import dataclasses as dc
 from collections.abc import Callable
@@ -11,7 +14,8 @@ from unwrinkle.planning.plan import FlatteningPlan, Segment
 from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.trajectory import Trajectory
 
-#: Takes an arm, its tool's poses (n, 4, 4) and the share of the segment's time (n,); gives the poses that it is to have.
+#: Takes an arm, its tool's poses (n, 4, 4) and the share of the segment's time (n,); gives the
+#: poses that it is to have.
 Change = Callable[[int, Array, Array], Array]
 
 SLOWER = 4.0

@@ -1,4 +1,7 @@
-"""Good plans whose tools do something else than the plan claims, or than a gripper may: every one is refused for that."""
+"""Good plans whose tools do something else than the plan claims, or than a gripper may.
+
+Every one is refused for that.
+"""
 
 import dataclasses as dc
 import json
@@ -199,7 +202,10 @@ def test_one_arm_goes_back(single: FlatteningPlan, cell: Cell, kinematics: Kinem
 def test_samples_too_far_apart_do_not_hide_a_tool(
     plan: FlatteningPlan, cell: Cell, kinematics: Kinematics
 ) -> None:
-    """The pull rolled by 10 degrees, told by its slow middle and its ends alone: the cubic in between counts."""
+    """The pull rolled by 10 degrees, told by its slow middle and its ends alone.
+
+    The cubic in between counts.
+    """
     rolling = remade(plan, kinematics, {1: only(0, rolled(10.0))}, 20.0)
     t = rolling.segments[1].trajectory
     few = np.unique(np.append(np.arange(0, len(t.times), 60), len(t.times) - 1))
@@ -508,7 +514,10 @@ def test_a_segment_at_the_end_of_time(plan: FlatteningPlan, cell: Cell, start: f
 @pytest.mark.parametrize("step", [1e-310, 1e-160, 1e-12])
 @pytest.mark.parametrize("velocity", [0.0, 1e-3, 1e30])
 def test_steps_of_no_time(plan: FlatteningPlan, cell: Cell, step: float, velocity: float) -> None:
-    """One more sample right after the first, with another velocity; the controller never gets it."""
+    """One more sample right after the first, with another velocity.
+
+    The controller never gets it.
+    """
     t = plan.segments[1].trajectory
     times = np.concatenate([[0.0, step], t.times[1:]])
     positions = np.concatenate([t.positions[:1], t.positions])
@@ -531,7 +540,10 @@ def test_positions_out_of_this_world(plan: FlatteningPlan, cell: Cell, value: fl
 
 
 def test_times_in_milliseconds(plan: FlatteningPlan, cell: Cell) -> None:
-    """Times of ms as s with the velocities as they were: limits are broken, and nothing more is computed."""
+    """Times of ms as s with the velocities as they were.
+
+    Limits are broken, and nothing more is computed.
+    """
     segments = []
     for segment in plan.segments:
         t = segment.trajectory

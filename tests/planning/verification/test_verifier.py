@@ -104,7 +104,10 @@ def test_extremes_are_exact(values: list[float], step: float) -> None:
 
 @pytest.mark.parametrize("mirrored", [True, False])
 def test_jump_bound_is_sharp(mirrored: bool) -> None:
-    """Jerk of +-1 that switches once before and once after a sample: the bound is nearly met, never passed."""
+    """Jerk of +-1 that switches once before and once after a sample.
+
+    The bound is nearly met, never passed.
+    """
     count = 3000
     worst = 0.0
     for switch in np.linspace(0.0, 1.0, 61):
@@ -285,7 +288,8 @@ def test_pairs_have_the_right_padding(cell: Cell, model: CellModel) -> None:
         ("turntable::r750", "turntable::mast"),
     ):
         assert frozenset((a, b)) not in pairs
-    # Every body of one arm meets every body of the other, but the two bases, which are bolted to one plate.
+    # Every body of one arm meets every body of the other, but the two bases, which are bolted to
+    # one plate.
     arm_arm = [pair for pair in model.pairs if pair.kind == "arm-arm"]
     assert len(arm_arm) == 10 * 10 - 1
 

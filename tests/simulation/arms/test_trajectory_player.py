@@ -96,7 +96,8 @@ def test_a_hold_comes_to_rest_within_the_limits(seed: int, when: float) -> None:
         assert steps * STEP <= 2.0 + STEP  # 1 / least_braking
     assert state.mode == MotionMode.IDLE and state.completed == state.command == 2
     assert (speeds[-1] == 0.0).all() and "hold commanded" in state.reason
-    # As promised: the limit, and where the path itself uses it up, least_braking times the speed more.
+    # As promised: the limit, and where the path itself uses it up, least_braking times the speed
+    # more.
     most = np.abs(np.diff(speeds, axis=0)).max(initial=0.0) / STEP
     allowance = PLAYER.settings.least_braking * 4.0
     assert most <= 12.0 + allowance + 0.5  # 0.5: the jerk within one step

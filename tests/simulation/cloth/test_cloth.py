@@ -167,7 +167,8 @@ def test_clamped_nodes_stay_and_gravity_turns() -> None:
     start = ClothState(0.0, positions, np.zeros((3, 189)), np.zeros((4, 189)))
     state = cloth.settle(start, 4.0)
     np.testing.assert_array_equal(state.positions[:, :9], positions[:, :9])
-    # In its plane it bends by 5 mm (weight L^4 / (8 Y b^3 / 12)) and shears by 7 mm (weight L^2 / (2 G)).
+    # In its plane it bends by 5 mm (weight L^4 / (8 Y b^3 / 12)) and shears by 7 mm (weight L^2 /
+    # (2 G)).
     assert state.positions[1, -9:].mean() == pytest.approx(-0.012, abs=0.002)
     np.testing.assert_allclose(state.positions[2], 1.0, atol=1e-9)
 

@@ -28,7 +28,10 @@ def _cloth() -> Cloth:
 
 
 def _raised(cloth: Cloth, height: float, half: float, *, flat_top: float = 0.004) -> ClothState:
-    """Return the flat cloth with a trapezoidal ridge along y, not settled; `half` is a side's width."""
+    """Return the flat cloth with a trapezoidal ridge along y, not settled.
+
+    `half` is a side's width.
+    """
     state = cloth.flat(TABLE.centre)
     positions = state.positions.copy()
     across = np.maximum(np.abs(positions[0] - TABLE.centre[0]) - flat_top, 0.0)

@@ -1,4 +1,7 @@
-"""The virtual controller against its firmware: start, points, increments, stops, lost connections, feedback."""
+"""The virtual controller against its firmware.
+
+Start, points, increments, stops, lost connections, feedback.
+"""
 
 import dataclasses as dc
 from collections.abc import Callable
@@ -259,9 +262,9 @@ def test_it_follows_the_cubics_between_the_points(period: float) -> None:
 class Reference:
     """What becomes of one axis' points, by a reading of the firmware that knows nothing of the virtual controller.
 
-    Times are whole ms. A point becomes increments that end on a grid of the clock's periods, begun by the first point,
-    and at the point itself. One cycle runs one increment, and with it those that end within a period after the last
-    end that was run, none that end before it.
+    Times are whole ms. A point becomes increments that end on a grid of the clock's periods, begun
+    by the first point, and at the point itself. One cycle runs one increment, and with it those
+    that end within a period after the last end that was run, none that end before it.
     """
 
     def __init__(self, period: int, position: float) -> None:
@@ -601,7 +604,8 @@ def test_the_governor_caps_the_speed_of_points() -> None:
 
 @pytest.mark.parametrize(("cap", "most"), [(1.0, 3), (0.4, 1)])
 def test_speeds_are_cut_to_whole_radians_before_they_are_compared(cap: float, most: int) -> None:
-    # Integer arithmetic in the released binary; the limit of this axis is 3.083 rad/s, governed 1.233.
+    # Integer arithmetic in the released binary; the limit of this axis is 3.083 rad/s, governed
+    # 1.233.
     for speed, answer in (
         (most + 0.99, SUCCESS),
         (-most - 0.99, SUCCESS),

@@ -1,4 +1,7 @@
-"""Ten thousand seeded streams of bytes into the server's three ports: no crash, nothing obeyed that is no message."""
+"""Ten thousand seeded streams of bytes into the server's three ports.
+
+No crash, nothing obeyed that is no message.
+"""
 
 import gc
 import itertools
@@ -115,8 +118,9 @@ def _send(client: Client, name: str, data: bytes, cuts: list[int]) -> None:
 def _check(controller: VirtualController) -> None:
     """What was taken is no more than the firmware takes, and what is told of it can be sent.
 
-    Positions, the speed between points, times that go back and numbers that are not finite are taken by a real
-    controller too. A speed whose whole rad/s are above the limit is not, nor are joints of another group.
+    Positions, the speed between points, times that go back and numbers that are not finite are
+    taken by a real controller too. A speed whose whole rad/s are above the limit is not, nor are
+    joints of another group.
     """
     for points, axes in zip(controller.received, GROUP_AXES, strict=True):
         for point in points:

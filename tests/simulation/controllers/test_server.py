@@ -1,4 +1,7 @@
-"""The virtual controller on real sockets: connections and their end, timing, and what a read brings."""
+"""The virtual controller on real sockets.
+
+Connections and their end, timing, and what a read brings.
+"""
 
 import socket
 from collections.abc import Callable

@@ -1,4 +1,7 @@
-"""The simulated station behind its ports: arms, grippers and cloth, and the plan as the plant runs it."""
+"""The simulated station behind its ports.
+
+Arms, grippers and cloth, and the plan as the plant runs it.
+"""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,4 +1,7 @@
-"""The closed loop through the drivers: against virtual devices in lockstep, and on devices in real time."""
+"""The closed loop through the drivers.
+
+Against virtual devices in lockstep, and on devices in real time.
+"""
 
 import dataclasses as dc
 import re
@@ -88,7 +91,8 @@ def test_an_action_through_the_drivers_in_lockstep(tmp_path: Path) -> None:
     assert not records.cut
     assert len(records.commanded.times) > 200 and len(records.measured.times) > 200
     plan = FlatteningPlan.load(run.look(0).path / "plan.npz")
-    # What was sent at full speed is the plan as it was verified, sample by sample, after a point of rest.
+    # What was sent at full speed is the plan as it was verified, sample by sample, after a point of
+    # rest.
     sent, samples = records.commanded, as_sent(plan.segments[0].trajectory)
     first = np.flatnonzero(sent.numbers == sent.numbers[0])[-len(samples.times) :]
     np.testing.assert_array_equal(sent.positions[first], samples.positions)

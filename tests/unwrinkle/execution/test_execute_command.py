@@ -172,7 +172,8 @@ def test_a_plan_is_run_to_its_end(bench_with: Callable[..., Bench]) -> None:
     events = {event.kind: event for event in records.events}
     assert events["preflight"].data["verdict"]["passed"] is True
     assert events["result"].data["outcome"] == "done"
-    # At half the speed the plan's own positions are sent as float32, only later; but for each segment's last two steps.
+    # At half the speed the plan's own positions are sent as float32, only later; but for each
+    # segment's last two steps.
     sent = records.commanded.positions
     planned = np.vstack([as_sent(segment.trajectory).positions for segment in plan.segments])
     own = {row.tobytes() for row in planned}

@@ -1,4 +1,7 @@
-"""The live page of an execution: it shows the robot, reads buttons, and detects when it is closed."""
+"""The live page of an execution.
+
+It shows the robot, reads buttons, and detects when it is closed.
+"""
 
 import base64
 import os

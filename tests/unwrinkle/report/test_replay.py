@@ -294,7 +294,10 @@ def test_five_actions_with_fine_cloth_stay_under_ten_megabytes(
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="no Chromium here")
 def test_page_opens_in_a_browser_at_the_time_asked_for(page: str, tmp_path: Path) -> None:
-    """The scripts run under the page's own policy: tracks unpacked, panel and time line in place."""
+    """The scripts run under the page's own policy.
+
+    Tracks unpacked, panel and time line in place.
+    """
     path = tmp_path / "replay.html"
     path.write_text(page, encoding="utf-8")
     command = ["chromium", "--headless=new", "--no-sandbox", "--disable-dev-shm-usage"]
