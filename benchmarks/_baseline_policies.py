@@ -1,4 +1,5 @@
-"""Simple ways to flatten a garment, to compare with: bare hands that see what the stereo head would see.
+"""Simple ways to flatten a garment, to compare with: bare hands that see what the stereo head would
+see.
 
 Each policy looks at a range map and says where one hand takes the garment and where to it goes:
 
@@ -73,7 +74,9 @@ Policy = Callable[[RangeMap, Table, np.random.Generator, Sequence[Pull]], Pull |
 def random_pick_and_place(
     seen: RangeMap, table: Table, rng: np.random.Generator, before: Sequence[Pull]
 ) -> Pull | None:
-    """A place on the garment, and one uniformly in the disc of REACH around it that is on the table."""
+    """A place on the garment, and one uniformly in the disc of REACH around it that is on the
+    table.
+    """
     cells = np.argwhere(_graspable(seen, table))
     if not len(cells):
         return None
@@ -89,7 +92,9 @@ def random_pick_and_place(
 def contour_pull(
     seen: RangeMap, table: Table, rng: np.random.Generator, before: Sequence[Pull]
 ) -> Pull | None:
-    """The outline's farthest point from the centroid that was not pulled just now, outwards by DRAG."""
+    """The outline's farthest point from the centroid that was not pulled just now, outwards by
+    DRAG.
+    """
     mask = _graspable(seen, table)
     if not mask.any():
         return None

@@ -27,7 +27,8 @@ def bars(
     *,
     label: str,
 ) -> None:
-    """Draw a bar per name with its interval, and beside it the published mean with its standard deviation.
+    """Draw a bar per name with its interval, and beside it the published mean with its standard
+    deviation.
 
     Args:
         axes: to draw on.

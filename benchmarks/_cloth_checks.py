@@ -89,7 +89,8 @@ def stretch(material: ClothMaterial) -> dict[str, Any]:
 
 
 def shear(material: ClothMaterial) -> dict[str, Any]:
-    """Its weight along the free edge of a short, wide strip: slip of that edge against weight * L / (2 G).
+    """Its weight along the free edge of a short, wide strip: slip of that edge against weight * L /
+    (2 G).
 
     The yarns are made 20 times as stiff: it would bend in its plane, and its ends lag, by 2-3 %
     else.

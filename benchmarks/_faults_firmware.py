@@ -123,7 +123,9 @@ def _abandoned(case: Case) -> None:
 
 
 class _Fails(ControllerDriver):
-    """A driver whose loop fails for good once the controller has taken some points, even in its fault."""
+    """A driver whose loop fails for good once the controller has taken some points, even in its
+    fault.
+    """
 
     def poll(self, now: float) -> None:
         """As ever, until then."""
@@ -171,7 +173,9 @@ def kills(case: Case, count: int) -> None:
 
 
 def _run_and_kill(case: Case, live: LiveController, site: Any, moment: float) -> None:
-    """Run the plan's segments at full speed and kill the driver's process once so much of its motion has gone by, s."""
+    """Run the plan's segments at full speed and kill the driver's process once so much of its
+    motion has gone by, s.
+    """
     with DriverProcess(site, cells.cell().limits) as driver:
         case.need(
             driver.wait(lambda s: s.state == controller_state.READY, 5.0), "the driver gets ready"

@@ -1,4 +1,6 @@
-"""Fault rows P1 to P6: planning that fails, plans that changed, and cells that are no longer as they were."""
+"""Fault rows P1 to P6: planning that fails, plans that changed, and cells that are no longer as
+they were.
+"""
 
 import dataclasses as dc
 

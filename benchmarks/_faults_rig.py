@@ -1,4 +1,5 @@
-"""The rig of the driver's fault rows: virtual controller, its server, the driver and a run log, in lockstep on a fake clock.
+"""The rig of the driver's fault rows: virtual controller, its server, the driver and a run log, in
+lockstep on a fake clock.
 
 Bytes go over real sockets of the loopback interface. Before either side is polled, everything that
 the other side has sent has come; so a run depends on nothing but its seed.
@@ -354,7 +355,9 @@ class Rig:
         return [*limit_violations(self.streams(), self.limits), *self.controller.audit.findings]
 
     def messages_after(self, when: float) -> list[Any]:
-        """Motion messages but status questions that the controller received later than a time of `now`."""
+        """Motion messages but status questions that the controller received later than a time of
+        `now`.
+        """
         begin = self.controller.time - (self.now - when)
         return [m for clock, m in self.controller.messages if clock > begin]
 

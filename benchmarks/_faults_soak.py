@@ -1,4 +1,6 @@
-"""One cycle of the soak: a random motion, random overrides, holds and resumes, and one fault at a random step."""
+"""One cycle of the soak: a random motion, random overrides, holds and resumes, and one fault at a
+random step.
+"""
 
 import time
 from collections.abc import Callable

@@ -75,7 +75,9 @@ def run_increments(folder: Path, profile: str, period: float) -> dict[str, Any]:
 
 
 def _shares(q: Array, period: float, rig: Rig) -> Array:
-    """Greatest share of the velocity, acceleration and jerk limit in the differences of positions (n, 13)."""
+    """Greatest share of the velocity, acceleration and jerk limit in the differences of positions
+    (n, 13).
+    """
     limits, found, values = rig.limits, list[float](), q
     for bound in (limits.velocity, limits.acceleration, limits.jerk):
         values = np.diff(values, axis=0) / period
@@ -84,7 +86,9 @@ def _shares(q: Array, period: float, rig: Rig) -> Array:
 
 
 def _path_error(q: Array, period: float, sent: Trajectory) -> float:
-    """Greatest distance of an axis from the plan, once a delay of whole milliseconds is taken out, rad."""
+    """Greatest distance of an axis from the plan, once a delay of whole milliseconds is taken out,
+    rad.
+    """
     curve = sent.interpolant()
     times = np.arange(len(q)) * period
 

@@ -1,4 +1,6 @@
-"""Whole runs of `unwrinkle flatten` in processes of their own, kept so that an interrupted board goes on."""
+"""Whole runs of `unwrinkle flatten` in processes of their own, kept so that an interrupted board
+goes on.
+"""
 
 import hashlib
 import importlib.util

@@ -42,7 +42,9 @@ Place = tuple[Array, Array]  # p_WG (3,), across (2,)
 
 
 def wanted(states: Sequence[str], seeds: Sequence[int]) -> list[Row]:
-    """A row per state and seed; all points of one state are tried in one row, from the same start and look."""
+    """A row per state and seed; all points of one state are tried in one row, from the same start
+    and look.
+    """
     work = "unwrinkle.benchmarks._grasp_rows:grasped"
     return [
         Row(f"{state}-{seed}", work, {"state": state, "seed": seed})

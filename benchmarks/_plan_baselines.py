@@ -49,7 +49,8 @@ def drake_baseline(cell: Cell, targets: list[FlatteningTarget]) -> dict[str, Any
 
 
 def rrt_baseline(cell: Cell, targets: list[FlatteningTarget]) -> dict[str, Any]:
-    """OMPL's RRT-Connect between the seven poses (and home), each leg a polyline timed with a stop at every corner.
+    """OMPL's RRT-Connect between the seven poses (and home), each leg a polyline timed with a stop
+    at every corner.
 
     The poses' configurations come from the own search, since RRT-Connect has none; what it does not
     do is follow the lines that keep the blades flat on the table and the cloth between the hands.
@@ -154,7 +155,9 @@ def _densified(path: Array) -> Array:
 
 
 def _stray(kinematics: Kinematics, motion: SevenPoseMotion, legs: list[Array]) -> float:
-    """Greatest distance of a tool centre point from the planned Cartesian path between the plan and leave poses, m."""
+    """Greatest distance of a tool centre point from the planned Cartesian path between the plan and
+    leave poses, m.
+    """
     planned = kinematics.tcp_positions(np.concatenate(motion.paths))
     taken = kinematics.tcp_positions(_densified(np.concatenate(legs[1:-1])))
     gaps = np.linalg.norm(taken[:, None] - planned[None], axis=-1)  # (N, M, 2)

@@ -24,7 +24,9 @@ OFF = 1e-9
 
 
 def line_deviation(result: PlanResult) -> float:
-    """Greatest distance of a plan's transit samples from the lines that were checked for collision, rad."""
+    """Greatest distance of a plan's transit samples from the lines that were checked for collision,
+    rad.
+    """
     plan = result.plan
     if plan is None:
         return 0.0
@@ -72,7 +74,9 @@ def random_lines(cell: Cell, seed: int, count: int) -> list[dict[str, Any]]:
 
 
 def _off(samples: Array, points: Array) -> float:
-    """Greatest distance of samples (N, n) from the nearest leg of a polyline (M, n), rad, of any axis."""
+    """Greatest distance of samples (N, n) from the nearest leg of a polyline (M, n), rad, of any
+    axis.
+    """
     nearest = np.full(len(samples), np.inf)
     for a, b in pairwise(points):
         way = b - a

@@ -60,7 +60,9 @@ def flattening_task(
 
 
 def tasks(seed: int, *, quick: bool = False) -> list[Task]:
-    """The fixed set: 8 directions x 5 centres in both readings of the paper's angles, and 40 over +-90 degrees."""
+    """The fixed set: 8 directions x 5 centres in both readings of the paper's angles, and 40 over
+    +-90 degrees.
+    """
     rng = np.random.default_rng(seed)
 
     def shape() -> dict[str, Any]:

@@ -1,4 +1,6 @@
-"""A board's rows, worked out in processes of their own and kept one by one, so that an interrupted board goes on."""
+"""A board's rows, worked out in processes of their own and kept one by one, so that an interrupted
+board goes on.
+"""
 
 import hashlib
 import importlib
@@ -146,7 +148,9 @@ def _serve(
     ended: queue.SimpleQueue[tuple[Row, str]],
     left: threading.Event,
 ) -> None:
-    """Have rows worked out by one process after another, until none is left or nobody waits for them."""
+    """Have rows worked out by one process after another, until none is left or nobody waits for
+    them.
+    """
     context = multiprocessing.get_context("spawn")
     while not left.is_set() and not todo.empty():
         ours, theirs = context.Pipe()

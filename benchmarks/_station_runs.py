@@ -102,7 +102,9 @@ class Setting:
     def situations(
         self, station: SimulatedStation, settings: SupervisorSettings | None = None
     ) -> Iterator[tuple[SupervisorState, ClothState]]:
-        """Run the closed loop on a station, and yield the supervisor's state and the cloth, period by period."""
+        """Run the closed loop on a station, and yield the supervisor's state and the cloth, period
+        by period.
+        """
         diagram = build_flattening_diagram(
             self.cell, station, self.head, settings=settings, seed=self.seed
         )

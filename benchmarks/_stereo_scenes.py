@@ -64,7 +64,8 @@ class Scene:
     def truth(
         self, rectification: Rectification, X_WC: Pose
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
-        """True disparity of the rectified left image, where it shows cloth, metres of height per pixel.
+        """True disparity of the rectified left image, where it shows cloth, metres of height per
+        pixel.
 
         Each (h, w). Depth is rendered in the rectified camera itself, so nothing is interpolated.
         """

@@ -131,7 +131,9 @@ def _targets(results: dict[str, Any], cells: list[str]) -> list[str]:
 
 
 def _versions(results: dict[str, Any], cells: list[str]) -> list[str]:
-    """Which cells are of which code, where rows that were kept from before are of another one than the rest."""
+    """Which cells are of which code, where rows that were kept from before are of another one than
+    the rest.
+    """
     code: dict[str, set[str]] = {}
     for cell in cells:
         for run in results["runs"][cell]:

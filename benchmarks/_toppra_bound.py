@@ -14,7 +14,8 @@ _GRIDPOINTS = 200  # twice the planner's
 
 
 def jerk_free_time(path: JointPath, limits: Limits, tip_speed: float | None = None) -> float:
-    """Least duration of a path from rest to rest under velocity and acceleration limits alone, s (toppra).
+    """Least duration of a path from rest to rest under velocity and acceleration limits alone, s
+    (toppra).
 
     Args:
         path: the path.

@@ -1,4 +1,5 @@
-"""One judge for every way of timing a path: the samples, with the cubics that the controller runs between them.
+"""One judge for every way of timing a path: the samples, with the cubics that the controller runs
+between them.
 
 Velocity and acceleration are exact extremes of the cubics, as in the verification of a plan. Jerk
 is the greater of the cubics' own and the change of mean acceleration between neighbouring intervals
@@ -109,7 +110,9 @@ def limit_ratios(samples: Samples, limits: Limits) -> dict[str, Array]:
 
 
 def offsets(points: Array, curve: Array) -> Array:
-    """From the nearest point of a polyline to each point, (N, d), for points (N, d) and corners (M, d)."""
+    """From the nearest point of a polyline to each point, (N, d), for points (N, d) and corners (M,
+    d).
+    """
     _, near = cKDTree(curve).query(points)
     best = points - curve[near]
     for first in (np.maximum(near - 1, 0), np.minimum(near, len(curve) - 2)):

@@ -1,4 +1,5 @@
-"""Ways to time a seven-pose path under velocity, acceleration and jerk limits: ours, and what others do.
+"""Ways to time a seven-pose path under velocity, acceleration and jerk limits: ours, and what
+others do.
 
 Every method gets the same five curves, stops at the same places, gets the same margin below the
 limits, and returns samples at a period with positions and velocities, between which the controller
@@ -117,7 +118,9 @@ def toppra_alone(problem: Problem) -> Result:
 
 
 def moveit_sent(problem: Problem, *, mitigate: bool = False) -> Result:
-    """MoveIt 2: what leaves it, waypoints with durations, velocities and accelerations, run as quintics by ros2_control."""
+    """MoveIt 2: what leaves it, waypoints with durations, velocities and accelerations, run as
+    quintics by ros2_control.
+    """
     results: Result = []
     for smoothed in _moveit(problem, mitigate):
         if smoothed.reported is not None:
@@ -130,7 +133,9 @@ def moveit_sent(problem: Problem, *, mitigate: bool = False) -> Result:
 
 
 def moveit_motion(problem: Problem) -> Result:
-    """The same waypoints, but run as the very motions that ruckig found between them, each as long as ruckig makes it."""
+    """The same waypoints, but run as the very motions that ruckig found between them, each as long
+    as ruckig makes it.
+    """
     results: Result = []
     for smoothed in _moveit(problem, False):
         if smoothed.incomplete is not None:
@@ -142,7 +147,9 @@ def moveit_motion(problem: Problem) -> Result:
 
 
 def _moveit(problem: Problem, mitigate: bool) -> Iterator[Smoothed]:
-    """What MoveIt 2's smoothing makes of waypoints of toppra's law, spaced as its time parameterisation leaves them."""
+    """What MoveIt 2's smoothing makes of waypoints of toppra's law, spaced as its time
+    parameterisation leaves them.
+    """
     for law in problem.laws:
         count = int(np.ceil(law.duration / _RESAMPLE - 1e-9))
         times = _RESAMPLE * np.arange(count, dtype=float)
@@ -151,7 +158,9 @@ def _moveit(problem: Problem, mitigate: bool) -> Iterator[Smoothed]:
 
 
 def tracking(problem: Problem) -> Result:
-    """13-axis ruckig, online: every cycle towards the position, velocity and acceleration of toppra's law one cycle ahead."""
+    """13-axis ruckig, online: every cycle towards the position, velocity and acceleration of
+    toppra's law one cycle ahead.
+    """
     return [_tracked(law, problem.limits) for law in problem.laws]
 
 

@@ -129,7 +129,9 @@ def _cause(text: str) -> str:
 
 
 def _overshoots(motion: ruckig.Trajectory, now: Waypoints, i: int) -> bool:
-    """Whether an axis is on the far side of its target by more than the threshold, at steps of the check's period."""
+    """Whether an axis is on the far side of its target by more than the threshold, at steps of the
+    check's period.
+    """
     start, goal = now.positions[i], now.positions[i + 1]
     for t in np.arange(_CHECK, motion.duration, _CHECK):
         error = np.array(motion.at_time(float(t))[0]) - goal

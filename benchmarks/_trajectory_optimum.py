@@ -1,4 +1,5 @@
-"""How near to the optimum a jerk-limited law along a path is: a lower bound, and an independent nonlinear programme.
+"""How near to the optimum a jerk-limited law along a path is: a lower bound, and an independent
+nonlinear programme.
 
 The programme is a direct transcription in time, and shares neither variables nor method with the
 planner's law: N equal intervals of the normalised time theta = t / T, in each the third derivative
@@ -32,7 +33,8 @@ _REGION, _SMALLEST, _LARGEST = 0.05, 1e-5, 0.3
 
 
 def joint_bound(q: Array, limits: Limits) -> float:
-    """Least time in which every axis alone gets from rest at q[0] to rest at q[-1], s: a lower bound for any path.
+    """Least time in which every axis alone gets from rest at q[0] to rest at q[-1], s: a lower
+    bound for any path.
 
     Args:
         q: (N, n) configurations; that an axis may turn back on the way is not counted.
@@ -131,7 +133,9 @@ class PathProgramme:
         return float(max(v.max(), np.sqrt(np.abs(a).max()), np.cbrt(np.abs(j).max())))
 
     def _ratios(self, shape: _Shape) -> tuple[Array, Array, Array, list[Array]]:
-        """Velocity (signless tip speed as last column), acceleration, jerk (both ends of the intervals) over limits at T = 1."""
+        """Velocity (signless tip speed as last column), acceleration, jerk (both ends of the
+        intervals) over limits at T = 1.
+        """
         s, d, e = shape.states.T[:, :, None]
         inside = np.clip(s[:, 0], 0.0, 1.0)
         q = [self._path.spline(inside, nu=k) for k in range(1, 5)]

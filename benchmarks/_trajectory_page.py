@@ -260,7 +260,9 @@ def draw(results: dict[str, Any], file: Path) -> None:
 
 
 def _draw_example(name: str, rows: list[Axes]) -> None:
-    """Velocity, acceleration and jerk over their limits of the axis that has most to do in a path's approach."""
+    """Velocity, acceleration and jerk over their limits of the axis that has most to do in a path's
+    approach.
+    """
     paths = load_paths()
     path = find(paths, name)
     problem = problem_of(path, paths.limits)

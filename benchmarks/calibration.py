@@ -1,4 +1,5 @@
-"""`unwrinkle bench calibration`: how well cameras, stereo pair and head are calibrated from nothing.
+"""`unwrinkle bench calibration`: how well cameras, stereo pair and head are calibrated from
+nothing.
 
 Three parts: real chessboards photographed by others; corners with known noise at many random heads;
 and the rendered cell, where a head that differs from the nominal one is calibrated from photographs

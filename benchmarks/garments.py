@@ -136,7 +136,8 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
 def chosen_seeds(
     pairs: list[tuple[str, str]], first: int, counts: Mapping[str, int], progress: Progress
 ) -> tuple[dict[tuple[str, str], list[int]], list[dict[str, str]]]:
-    """The first seeds from which the starts can be made, by start kind and garment; and those left out, with reasons.
+    """The first seeds from which the starts can be made, by start kind and garment; and those left
+    out, with reasons.
 
     Raises:
         InputError: the cloth's solver fails at too many of them.
@@ -216,7 +217,9 @@ def figures(runs: list[dict[str, Any]], counts: list[int]) -> dict[str, Any]:
 
 
 def displaced(folder: Path) -> dict[str, float]:
-    """How far a run moved the garment's middle over the table (`moved`, m), and the share that hangs over its edge."""
+    """How far a run moved the garment's middle over the table (`moved`, m), and the share that
+    hangs over its edge.
+    """
     header, arrays = load_archive(folder / VERTICES)
     last = sum(name.startswith("v") for name in arrays) - 1
     before, end = arrays["v0"], arrays[f"v{last}"]
@@ -231,7 +234,8 @@ def after(values: list[float], count: int) -> float:
 
 
 def improvement(coverages: list[float], count: int) -> float | None:
-    """Normalised improvement after `count` actions: the share of what the start lacked that was gained.
+    """Normalised improvement after `count` actions: the share of what the start lacked that was
+    gained.
 
     (c - c0) / (1 - c0): 1 is flat, 0 no better than the start, below 0 worse. None where the start
     lacks nothing.
@@ -260,7 +264,9 @@ def table(results: dict[str, Any]) -> str:
 
 
 def plot(results: dict[str, Any], path: Path) -> None:
-    """Draw coverage against actions, a panel per garment and start, and one start of each before and after."""
+    """Draw coverage against actions, a panel per garment and start, and one start of each before
+    and after.
+    """
     garments, starts = results["garments"], results["starts"]
     runs = {run["name"]: run for run in results["runs"]}
     figure = Figure(figsize=(3.4 * len(garments) + 0.5, 5.2 * len(starts)), layout="constrained")

@@ -55,7 +55,8 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
 def _grasped(
     states: list[str], first: int, count: int, progress: Progress
 ) -> tuple[list[dict[str, Any]], list[dict[str, str]]]:
-    """So many rows of each state; and the starts that the cloth's solver could not make, for which the next seeds are taken.
+    """So many rows of each state; and the starts that the cloth's solver could not make, for which
+    the next seeds are taken.
 
     Raises:
         InputError: it cannot make too many of them.
@@ -238,7 +239,9 @@ def _sure(choice: str, figures: dict[str, Any], distances: int) -> str:
 
 
 def plot(results: dict[str, Any], path: Path) -> None:
-    """Draw successes with their intervals, and the first seed's state with our blades upon it and lifted, from above."""
+    """Draw successes with their intervals, and the first seed's state with our blades upon it and
+    lifted, from above.
+    """
     states = results["states"]
     figure = Figure(figsize=(11.0, 8.4), layout="constrained")
     grid = figure.add_gridspec(3, len(states), height_ratios=(1.25, 1.0, 1.0))

@@ -1,4 +1,6 @@
-"""`unwrinkle bench levers`: what each setting of the loop, the cloth and the sensor does to crumpled towels."""
+"""`unwrinkle bench levers`: what each setting of the loop, the cloth and the sensor does to
+crumpled towels.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,6 @@
-"""`unwrinkle bench loop`: whole runs of the closed loop in the simulated cell, as a user would start them."""
+"""`unwrinkle bench loop`: whole runs of the closed loop in the simulated cell, as a user would
+start them.
+"""
 
 from pathlib import Path
 from typing import Any

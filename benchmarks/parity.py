@@ -256,7 +256,9 @@ def _distances(a: Array, b: Array) -> dict[str, float]:
 def _phases(
     sim: StationRun, lags: dict[str, float], period: float
 ) -> dict[str, tuple[float, float]]:
-    """When in the cloth's period each segment has to be commanded, so that it begins to move when it does in simulation."""
+    """When in the cloth's period each segment has to be commanded, so that it begins to move when
+    it does in simulation.
+    """
     step = 0.004  # of the drivers' and the controllers' clocks
     return {
         name: (period, round((begin - lags[name]) / step) * step % period)
@@ -332,7 +334,9 @@ def _apart(sim: StationRun, other: StationRun, times: Array, measured: Array) ->
 def _lag(
     sim: StationRun, span: tuple[float, float], since: Array, measured: Array
 ) -> tuple[float, Array]:
-    """The lag (s) behind the simulation's segment that leaves the least, and what it leaves, (n, 13) rad."""
+    """The lag (s) behind the simulation's segment that leaves the least, and what it leaves, (n,
+    13) rad.
+    """
     begin, end = span
     inside = (sim.motion.times >= begin) & (sim.motion.times <= end)
     own, unique = np.unique(sim.motion.times[inside] - begin, return_index=True)

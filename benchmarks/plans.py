@@ -35,8 +35,8 @@ SITE_SPEED = 0.2
 
 
 def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
-    """Plan and verify every task, at catalogue speed and at the site's, with the turn-table fixed, and with jerk bounded by
-    ruckig; then the baselines.
+    """Plan and verify every task, at catalogue speed and at the site's, with the turn-table fixed,
+    and with jerk bounded by ruckig; then the baselines.
 
     Targets with a grasp or put-down point beside the table are refused by design, counted, and left
     out of the fractions.
@@ -100,7 +100,8 @@ def _run_all(
 
 
 class _CpuTimedPlanner(FlatteningPlanner):
-    """Planner that measures its CPU time, which other jobs on the machine affect less than the time on the clock.
+    """Planner that measures its CPU time, which other jobs on the machine affect less than the time
+    on the clock.
 
     Attributes:
         cpu: of the last plan, without the approval's, s.

@@ -1,4 +1,6 @@
-"""`unwrinkle bench soak`: cycles of random motion with one fault each, on the virtual controller over real connections."""
+"""`unwrinkle bench soak`: cycles of random motion with one fault each, on the virtual controller
+over real connections.
+"""
 
 import json
 import logging

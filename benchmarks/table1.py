@@ -1,4 +1,6 @@
-"""`unwrinkle bench table1`: single wrinkles in eight directions, five repeats each, beside the published Table I."""
+"""`unwrinkle bench table1`: single wrinkles in eight directions, five repeats each, beside the
+published Table I.
+"""
 
 from pathlib import Path
 from typing import Any

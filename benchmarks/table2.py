@@ -1,4 +1,6 @@
-"""`unwrinkle bench table2`: crumpled towels, one or two arms, stereo head or Xtion, beside the published Table II."""
+"""`unwrinkle bench table2`: crumpled towels, one or two arms, stereo head or Xtion, beside the
+published Table II.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -128,7 +130,9 @@ def table(results: dict[str, Any]) -> str:
 
 
 def plot(results: dict[str, Any], path: Path) -> None:
-    """Draw the numbers of actions beside the published ones, and one start before and after in every cell."""
+    """Draw the numbers of actions beside the published ones, and one start before and after in
+    every cell.
+    """
     cells = list(_ALL)
     figure = Figure(figsize=(13.5, 7.0), layout="constrained")
     grid = figure.add_gridspec(2, 6, height_ratios=(1.25, 1.0))

@@ -170,7 +170,9 @@ def _spread(values: list[float]) -> dict[str, float | None]:
 
 
 def _optimum(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """How far ours is above the programme's time and the lower bound, by curved piece and over whole paths."""
+    """How far ours is above the programme's time and the lower bound, by curved piece and over
+    whole paths.
+    """
     result: dict[str, Any] = {}
     for k, name in [*list(enumerate(NAMES))[1:-1], (None, _WHOLE)]:
         columns = []

@@ -1,4 +1,5 @@
-"""Execute a plan through the robot controller's own protocol, against a virtual controller on this machine.
+"""Execute a plan through the robot controller's own protocol, against a virtual controller on this
+machine.
 
 With a site file of your own in place of the shipped one the same lines run the robot, and `execute`
 has to be given the plan's hash: read docs/deployment.md first.

@@ -1,4 +1,5 @@
-"""Run the closed loop in the simulated cell: a towel with one ridge, looked at, pulled, and looked at again.
+"""Run the closed loop in the simulated cell: a towel with one ridge, looked at, pulled, and looked
+at again.
 
 Run: python examples/flatten_in_simulation.py [FOLDER]
 """

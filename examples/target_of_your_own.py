@@ -1,4 +1,5 @@
-"""Plan for grasp points of your own, at a fifth of the speed, and write the page that shows the motion.
+"""Plan for grasp points of your own, at a fifth of the speed, and write the page that shows the
+motion.
 
 Run: python examples/target_of_your_own.py [PAGE.html]
 """

@@ -12,5 +12,6 @@ for wrinkle in seen.analysis.wrinkles:
     x, y = wrinkle.centre
     print(
         f"wrinkle at ({x:+.3f}, {y:+.3f}) m: {1e3 * wrinkle.length:.0f} mm long, "
-        f"{1e3 * wrinkle.peak_height:.1f} mm high, pull {1e3 * wrinkle.pull_distance('foot'):.1f} mm"
+        f"{1e3 * wrinkle.peak_height:.1f} mm high, pull {1e3 * wrinkle.pull_distance('foot'):.1f} "
+        "mm"
     )

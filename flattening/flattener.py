@@ -198,7 +198,8 @@ class Flattener:
         profile: NoiseProfile | None = None,
         settings: PlannerSettings | None = None,
     ) -> None:
-        """Keep the cell; the planner's models are built when the first plan is asked for (about a second).
+        """Keep the cell; the planner's models are built when the first plan is asked for (about a
+        second).
 
         Args:
             cell: the robot in its cell.

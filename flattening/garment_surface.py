@@ -1,4 +1,6 @@
-"""The garment as it was seen, as a coloured mesh of at most about 100 x 100 vertices, for plans and previews."""
+"""The garment as it was seen, as a coloured mesh of at most about 100 x 100 vertices, for plans and
+previews.
+"""
 
 import math
 from typing import Any

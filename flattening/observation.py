@@ -1,4 +1,6 @@
-"""An observation: what was analysed of one look at the table, and the features that the policy decides by."""
+"""An observation: what was analysed of one look at the table, and the features that the policy
+decides by.
+"""
 
 import math
 from dataclasses import dataclass
@@ -70,7 +72,8 @@ class GarmentFeatures(Shared):
         ]
 
     def volumes(self, rules: LoopSettings) -> tuple[float, float]:
-        """Return the greatest volume and the sum of the volumes of the wrinkles worth pulling, mm^3.
+        """Return the greatest volume and the sum of the volumes of the wrinkles worth pulling,
+        mm^3.
 
         Low wrinkles are left out: the sensor's noise makes some and removes others from look to
         look.

@@ -1,4 +1,5 @@
-"""The policy of the closed loop: which wrinkle next, with how many arms, and when to stop. Pure functions of values.
+"""The policy of the closed loop: which wrinkle next, with how many arms, and when to stop. Pure
+functions of values.
 
 - Flat: no wrinkle reaches the sensor's halting pull, and none is higher than the scenario's halting
   height.
@@ -190,7 +191,8 @@ def after_blind_look(
     if empty and unseen > rules.thickest_layer and state.last is not None:
         return state, Stop(
             True,
-            f"flat as far as this sensor sees: nothing stands {1e3 * unseen:.1f} mm above the table "
+            f"flat as far as this sensor sees: nothing stands {1e3 * unseen:.1f} mm above the "
+            "table "
             "any more",
         )
     return state, Stop(False, f"nothing usable seen in {state.blind} looks: {reason}")
@@ -210,7 +212,8 @@ def decide(
     if not worth and features.along_edge > rules.most_along_edge:
         return Stop(
             False,
-            f"{features.along_edge:.0%} of the garment's outline runs along the table's edge, at most "
+            f"{features.along_edge:.0%} of the garment's outline runs along the table's edge, at "
+            "most "
             f"{rules.most_along_edge:.0%} may; it hangs over, lay it back",
         )
     if not worth:
@@ -304,7 +307,7 @@ def _abandoned(
 def _same(
     centre: tuple[float, float], angle: float, wrinkle: WrinkleFeatures, rules: LoopSettings
 ) -> bool:
-    """Whether a wrinkle is the one that an earlier look showed at a place (m) and an angle (rad)."""
+    """Whether a wrinkle is the one seen earlier at a place (m) and an angle (rad)."""
     turned = abs((angle - wrinkle.angle + 0.5 * math.pi) % math.pi - 0.5 * math.pi)
     near = math.dist(centre, wrinkle.centre) < rules.same_wrinkle_distance
     return near and turned < rules.same_wrinkle_angle

@@ -23,7 +23,8 @@ def reversed_in_time(trajectory: Trajectory) -> Trajectory:
 
 
 def retreat(approach: Segment) -> Trajectory:
-    """Return the time reversal of a verified approach: from the grasp pose, with open grippers, to the start of the plan.
+    """Return the time reversal of a verified approach: from the grasp pose, with open grippers, to
+    the start of the plan.
 
     The plan's verdict covers it: the configurations are those of the approach, with the same
     opening of the grippers and the same contacts of the fingers with the table, and bounds on

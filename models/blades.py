@@ -9,7 +9,8 @@ from unwrinkle.models.io.loader_yaml import models_dir
 
 @dataclass(frozen=True)
 class Blades:
-    """Both blades in the frame T of the tool centre point (z along the blades, y from the lower to the upper), m.
+    """Both blades in the frame T of the tool centre point (z along the blades, y from the lower to
+    the upper), m.
 
     T lies on the outer edge of the lower blade's tip. The upper blade moves along y.
 

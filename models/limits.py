@@ -65,7 +65,8 @@ class LimitsFile:
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Limits of the robot's axes in the order turn-table, right arm, left arm; arrays (axes,), read-only.
+    """Limits of the robot's axes in the order turn-table, right arm, left arm; arrays (axes,),
+    read-only.
 
     Attributes:
         lower: least position, rad.

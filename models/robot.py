@@ -101,7 +101,8 @@ class RobotDescription:
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """A scenario with the robot's description and limits that it names, and the hash of the model files.
+    """A scenario with the robot's description and limits that it names, and the hash of the model
+    files.
 
     Attributes:
         scenario: settings of the scenario.
@@ -115,7 +116,8 @@ class Cell:
 
     @cached_property
     def robot_hash(self) -> str:
-        """SHA-256 (hex) over every file and setting that determines the bodies and clearances of the cell, meshes included.
+        """SHA-256 (hex) over every file and setting that determines the bodies and clearances of
+        the cell, meshes included.
 
         Raises:
             InputError: a file that another one names is missing.
@@ -172,7 +174,8 @@ class Cell:
         R_WS = self.table_pose[:3, :3]
         if min(abs(R_WS[0, 0]), R_WS[2, 2]) < 1.0 - _ALONG_AXES:
             raise InputError(
-                f"scenario: the table frame {self.scenario.table.frame} is turned; perception and simulation need a level table "
+                f"scenario: the table frame {self.scenario.table.frame} is turned; perception and "
+                "simulation need a level table "
                 "with its sides along the world's x and y"
             )
         x, y, height = (float(value) for value in self.table_pose[:3, 3])
@@ -180,7 +183,8 @@ class Cell:
         return Table((x, y), (across, along), height)
 
     def beyond_table(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Compute how far places lie beyond the nearest edge of the working table, m; negative on it.
+        """Compute how far places lie beyond the nearest edge of the working table, m; negative on
+        it.
 
         Args:
             places: (..., 2) in the world, m.
@@ -194,7 +198,9 @@ class Cell:
         return np.asarray(beyond.max(axis=-1))
 
     def with_speed(self, fraction: float) -> "Cell":
-        """Load the same cell with another fraction of the catalogue velocity, acceleration and jerk."""
+        """Load the same cell with another fraction of the catalogue velocity, acceleration and
+        jerk.
+        """
         return load_cell(dc.replace(self.scenario, speed=fraction))
 
 
@@ -230,7 +236,8 @@ def _check_robot(robot: RobotDescription, where: str) -> None:
         raise InputError(f"{where}: needs two arms, right and left, with 6 axes each")
     if sorted(used) != list(range(len(robot.axes))):
         raise InputError(
-            f"{where}: turntable_axis and the arms' axes must name every index of `axes` once, got {used}"
+            f"{where}: turntable_axis and the arms' axes must name every index of `axes` once, got "
+            f"{used}"
         )
     for arm in robot.arms:
         if not (arm.name and arm.model and arm.gripper):
@@ -249,7 +256,8 @@ def configure_parser(parser: Parser) -> None:
 
 
 def add_cell(cell: Cell, plant: MultibodyPlant, parser: Parser) -> None:
-    """Add the cell's models to a plant and set the axes' limits and default positions; before Finalize.
+    """Add the cell's models to a plant and set the axes' limits and default positions; before
+    Finalize.
 
     Raises:
         InputError: a directives file cannot be parsed, or lacks an axis of the robot.

@@ -294,7 +294,8 @@ class Scenario:
                 )
         if self.sensor.kind == "truth" and self.station.form == "hardware":
             raise InputError(
-                "scenario: sensor kind 'truth' is the simulated cloth itself; on hardware choose stereo or depth"
+                "scenario: sensor kind 'truth' is the simulated cloth itself; on hardware choose "
+                "stereo or depth"
             )
         if self.sensor.scale not in (1.0, 0.5, 0.25, 0.125):
             raise InputError(

@@ -197,8 +197,10 @@ class Site:
         c, g = self.controller, self.grippers
         if c.profile == "clopema13":
             raise InputError(
-                "site: controller.profile 'clopema13' (one message of 13 joints, CloPeMa's public firmware of 2014) is not "
-                "supported: that firmware answers success although a group was still busy and its point was lost, so that "
+                "site: controller.profile 'clopema13' (one message of 13 joints, CloPeMa's public "
+                "firmware of 2014) is not "
+                "supported: that firmware answers success although a group was still busy and its "
+                "point was lost, so that "
                 "the arms may part; install a MotoROS with control groups, and use 'ex' or 'groups'"
             )
         for what, value, known in (
@@ -217,21 +219,25 @@ class Site:
         moved = c.groups_moved
         if not moved or not set(moved) <= set(GROUPS) or len(set(moved)) != len(moved):
             raise InputError(
-                f"site: controller.groups_moved must name some of {', '.join(GROUPS)}, each once, got {moved}"
+                f"site: controller.groups_moved must name some of {', '.join(GROUPS)}, each once, "
+                f"got {moved}"
             )
         if not c.latency <= LONGEST_LATENCY:
             raise InputError(
-                f"site: controller.latency is {c.latency:g} s; give at most {LONGEST_LATENCY:g} s, a longer one would "
+                f"site: controller.latency is {c.latency:g} s; give at most {LONGEST_LATENCY:g} s, "
+                "a longer one would "
                 "hide an axis that stands still"
             )
         if not 0.0 < c.speed_cap <= 1.0:
             raise InputError(
-                f"site: controller.speed_cap is {c.speed_cap:g}; give a share of the axes' speed, above 0, up to 1"
+                f"site: controller.speed_cap is {c.speed_cap:g}; give a share of the axes' speed, "
+                "above 0, up to 1"
             )
         pulses = c.pulses_per_radian
         if len(pulses) != 7 or not all(isfinite(value) and value > 0.0 for value in pulses):
             raise InputError(
-                "site: controller.pulses_per_radian needs 7 positive numbers: turn-table, S, L, U, R, B, T"
+                "site: controller.pulses_per_radian needs 7 positive numbers: turn-table, S, L, U, "
+                "R, B, T"
             )
         if not (c.start_tolerance > 0.0 and c.start_pulses > 0.0):
             raise InputError(
@@ -257,7 +263,8 @@ class Site:
                     )
         if not 2.0 * c.feedback_period <= c.hold_after < c.fault_after:
             raise InputError(
-                "site: controller.hold_after must be at least two feedback periods and below fault_after, got "
+                "site: controller.hold_after must be at least two feedback periods and below "
+                "fault_after, got "
                 f"{c.hold_after:g} and {c.fault_after:g} s"
             )
         if not 0.04 <= c.lead <= 0.5:

@@ -31,7 +31,8 @@ class Table:
         values = np.array([*self.centre, *self.size, self.height], dtype=float)
         if values.shape != (5,) or not np.isfinite(values).all() or values[2:].min() <= 0.0:
             raise InputError(
-                f"{self}: give centre (x, y), size (x, y) and height in metres, the last three above 0"
+                f"{self}: give centre (x, y), size (x, y) and height in metres, the last three "
+                "above 0"
             )
 
     @property

@@ -43,7 +43,7 @@ _MEMBERS = (
 
 @dataclass(frozen=True)
 class PoseMark:
-    """One of the seven poses, and the time at which a segment passes it, s on the segment's clock."""
+    """One of the seven poses, and the time at which a segment passes it, s from its start."""
 
     name: str
     time: float
@@ -190,7 +190,8 @@ class FlatteningPlan:
         if self.robot_hash != cell.robot_hash:
             raise InputError(
                 f"the plan was made for another model of the cell ({self.robot_hash[:12]}, here "
-                f"{cell.robot_hash[:12]}): the robot, a table or a clearance has changed; plan again"
+                f"{cell.robot_hash[:12]}): the robot, a table or a clearance has changed; plan "
+                "again"
             )
         limits_hash = cell.with_speed(self.speed).limits_hash
         if self.limits_hash != limits_hash:
@@ -221,7 +222,8 @@ class FlatteningPlan:
             raise InputError(f"{path}: is not a flattening plan; make one with `unwrinkle plan`")
         if header.get("version") != VERSION:
             raise InputError(
-                f"{path}: plan version {header.get('version')}, this program reads version {VERSION};"
+                f"{path}: plan version {header.get('version')}, this program reads version "
+                f"{VERSION};"
                 " plan again"
             )
         try:
@@ -230,7 +232,8 @@ class FlatteningPlan:
             raise InputError(f"{path}: is damaged: {error}; plan again") from None
         if plan.content_hash != header.get("content_hash"):
             raise InputError(
-                f"{path}: the content does not match its hash {str(header.get('content_hash'))[:12]}:"
+                f"{path}: the content does not match its hash "
+                f"{str(header.get('content_hash'))[:12]}:"
                 " it was changed after planning; plan again"
             )
         return plan

@@ -1,4 +1,5 @@
-"""Rounding of a trajectory to what the controller receives: whole milliseconds, positions and velocities as float32.
+"""Rounding of a trajectory to what the controller receives: whole milliseconds, positions and
+velocities as float32.
 
 Every controller profile carries positions (rad) and velocities (rad/s) as float32, and truncates
 point times to whole milliseconds (MotoROS 1.9.12, `MotionServer.c:2094`). The driver sends (ms +
@@ -62,7 +63,8 @@ def as_sent(trajectory: Trajectory) -> Trajectory:
     """
     if not trajectory.duration <= LONGEST:
         raise InputError(
-            f"the trajectory takes {trajectory.duration:.6g} s; the controller's clock represents at most {LONGEST:g} s"
+            f"the trajectory takes {trajectory.duration:.6g} s; the controller's clock represents "
+            f"at most {LONGEST:g} s"
         )
     times = whole_milliseconds(trajectory.times)
     positions, velocities = trajectory.positions, trajectory.velocities

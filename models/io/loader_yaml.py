@@ -122,7 +122,9 @@ def _where(schema: type[Any], text: str, child: str | None) -> str:
 
 
 def _unfit_keys(schema: Any, raw: Any) -> list[tuple[str, Any]]:
-    """Find the keys (dotted) and values of a mapping that the schema refuses, by loading each on its own."""
+    """Find the keys (dotted) and values of a mapping that the schema refuses, by loading each on
+    its own.
+    """
     from pydrake.common.yaml import yaml_load_typed
 
     if not (isinstance(raw, dict) and dataclasses.is_dataclass(schema)):

@@ -322,7 +322,8 @@ def _refined(
     moved = float(np.max(np.linalg.norm(corners - rough, axis=1)))
     if moved > _MAX_SHIFT_FRACTION * side:
         return (
-            f"a corner moved by {moved:.1f} px in the refinement, more than {_MAX_SHIFT_FRACTION:.0%} of a "
+            f"a corner moved by {moved:.1f} px in the refinement, more than "
+            f"{_MAX_SHIFT_FRACTION:.0%} of a "
             f"square of {side:.0f} px; is the image sharp?"
         )
     return corners

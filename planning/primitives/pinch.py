@@ -1,4 +1,5 @@
-"""Pinch of a fold from above by one arm: the blades move down along their own axis, close, and lift straight up.
+"""Pinch of a fold from above by one arm: the blades move down along their own axis, close, and lift
+straight up.
 
 Both tips should be at equal height. The upper blade is the shorter one, so the tool leans slightly
 past the vertical, outside the scenario's window of tilts, which applies to sliding the lower blade
@@ -100,7 +101,9 @@ class NoPinch:
 
 
 def level_tilt(blades: Blades, opening: float) -> float:
-    """Compute the tilt below the horizontal, rad, at which both tips of the open blades are at equal height."""
+    """Compute the tilt below the horizontal, rad, at which both tips of the open blades are at
+    equal height.
+    """
     apart = opening + blades.thickness
     return float(np.arctan2(apart, blades.upper_end - blades.lower_end))
 
@@ -189,7 +192,8 @@ class PinchPlanner:
         if missing.min() > 0.0:
             return NoPinch(
                 "far-reach",
-                f"the fold at ({p_WG[0]:.3f}, {p_WG[1]:.3f}) lies {missing.min():.3f} m beyond both arms' reach",
+                f"the fold at ({p_WG[0]:.3f}, {p_WG[1]:.3f}) lies {missing.min():.3f} m beyond "
+                "both arms' reach",
             )
         return self._first_free(choices, poses, missing)
 

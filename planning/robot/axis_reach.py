@@ -23,7 +23,8 @@ _ON_AXIS = 1e-9
 
 @dataclass
 class _Link:
-    """The bodies that one axis carries, up to the next axes; its frame F is the child frame of the joint.
+    """The bodies that one axis carries, up to the next axes; its frame F is the child frame of the
+    joint.
 
     Attributes:
         axis_F: (3,) unit direction of the axis, through the origin.

@@ -1,4 +1,6 @@
-"""Collision checking of the cell, with one clearance per pair of bodies and a step bounded by the smaller arm clearance."""
+"""Collision checking of the cell, with one clearance per pair of bodies and a step bounded by the
+smaller arm clearance.
+"""
 
 from itertools import pairwise
 
@@ -15,7 +17,8 @@ from unwrinkle.planning.robot.axis_reach import axis_reach
 
 
 class CollisionModel:
-    """Checks configurations of the robot against the scenario's clearances; grippers open, head at the scenario's gaze.
+    """Checks configurations of the robot against the scenario's clearances; grippers open, head at
+    the scenario's gaze.
 
     Attributes:
         reach: (axes,) bound on how far any point of the robot moves per radian of each axis, m; see
@@ -103,7 +106,8 @@ class CollisionModel:
         return all(self.edge_free(a, b, ends=False) for a, b in pairwise(path))
 
     def edge_free(self, a: Array, b: Array, *, ends: bool = True) -> bool:
-        """Return whether the straight joint line from a to b, (axes,) each, rad, keeps every clearance at its steps.
+        """Return whether the straight joint line from a to b, (axes,) each, rad, keeps every
+        clearance at its steps.
 
         Between two checked configurations no two bodies move against each other by more than twice
         the smaller of the arms' clearances, so a pair that keeps that clearance at both cannot
@@ -124,7 +128,9 @@ class CollisionModel:
         return True
 
     def colliding_pair(self, q: Array) -> tuple[str, str] | None:
-        """Return the scoped names of the pair of bodies that is deepest in its clearance, or None if there is no pair."""
+        """Return the scoped names of the pair of bodies that is deepest in its clearance, or None
+        if there is no pair.
+        """
         plant = self._checker.plant()
         clearance = self._checker.CalcRobotClearance(self.positions(q), 0.0)
         distances = clearance.distances()
@@ -148,7 +154,7 @@ def _name(body: RigidBody) -> str:
 
 
 def _padding(cell: Cell, a: RigidBody, b: RigidBody, contact: bool) -> float:
-    """Return the clearance, m, that a body `a` of an arm keeps from `b`, which is not of that arm."""
+    """Return the clearance, m, that a body `a` of an arm keeps from `b`, not of that arm."""
     clearance, robot = cell.scenario.clearance, cell.robot
     instance = scoped(_name(b))[0]
     if robot.arm_of(instance) is not None:
@@ -163,7 +169,8 @@ def _padding(cell: Cell, a: RigidBody, b: RigidBody, contact: bool) -> float:
 
 
 def _check_roles(cell: Cell, names: set[str]) -> None:
-    """Refuse roles of links that the models do not have: a misspelt one would get another clearance.
+    """Refuse roles of links that the models do not have: a misspelt one would get another
+    clearance.
 
     Raises:
         InputError: naming the missing link.
@@ -176,5 +183,6 @@ def _check_roles(cell: Cell, names: set[str]) -> None:
     for name in wanted:
         if name not in names:
             raise InputError(
-                f"{cell.scenario.robot}: the cell's models have no link '{name}'; check `palm`, `fingers`, `adjacent`"
+                f"{cell.scenario.robot}: the cell's models have no link '{name}'; check `palm`, "
+                "`fingers`, `adjacent`"
             )

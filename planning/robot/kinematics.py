@@ -110,7 +110,7 @@ class Kinematics:
         return self.base(arm, turntable) @ self.flange(q) @ self._X_FT
 
     def tcp_positions(self, q: Array) -> Array:
-        """Return p_WT (..., 2, 3) of both arms, m, at configurations (..., axes) of the robot, rad."""
+        """Return p_WT (..., 2, 3) of both arms, m, at configurations (..., axes), rad."""
         q = np.asarray(q)
         turntable = q[..., self._robot.turntable_axis]
         tips = [
@@ -120,7 +120,9 @@ class Kinematics:
         return np.stack(tips, axis=-2)
 
     def configurations(self, turntable: float, right: Array, left: Array) -> Array:
-        """Join the axis angles (N, 6) of both arms and the turn-table's angle to configurations (N, axes), rad."""
+        """Join the axis angles (N, 6) of both arms and the turn-table's angle to configurations (N,
+        axes), rad.
+        """
         q = np.empty((len(right), len(self._robot.axes)))
         q[:, self._robot.turntable_axis] = turntable
         for arm, angles in zip(self._robot.arms, (right, left), strict=True):
@@ -130,7 +132,8 @@ class Kinematics:
     # ------------------------------------------------------------------ reach
 
     def missing_reach(self, arm: int, turntable: Array | float, X_WT: Array) -> Array:
-        """Bound from below how far each pose lies beyond the arm's reach, m; if positive, there is no solution for any limits.
+        """Bound from below how far each pose lies beyond the arm's reach, m; if positive, there is
+        no solution for any limits.
 
         The distance from the L axis to the wrist cannot exceed upper arm plus forearm; the 30 mm
         between the B and T axes are added to the reach, which makes the result a lower bound.
@@ -157,7 +160,8 @@ class Kinematics:
         iterations: int = 6,
         tolerance: float = 1e-9,
     ) -> InverseSolution:
-        """Compute all branches (shoulder x elbow x two wrist roots) for poses of the tool centre point.
+        """Compute all branches (shoulder x elbow x two wrist roots) for poses of the tool centre
+        point.
 
         Args:
             arm: 0 right, 1 left.
@@ -215,7 +219,9 @@ class Kinematics:
         return InverseSolution(q, found, within)
 
     def _first_three(self, p_BC: Array) -> tuple[Array, Array, Array, Mask]:
-        """Compute the first three axis angles (with offsets), rad, for wrist centres (..., 8 or 4, 3), and whether they are in reach."""
+        """Compute the first three axis angles (with offsets), rad, for wrist centres (..., 8 or 4,
+        3), and whether they are in reach.
+        """
         n = p_BC.shape[-2] // 4
         shoulder, elbow = np.tile(_SHOULDER, n), np.tile(_ELBOW, n)
         t1 = np.arctan2(p_BC[..., 1], p_BC[..., 0]) + np.where(shoulder > 0, 0.0, np.pi)

@@ -1,4 +1,6 @@
-"""From a motion to samples: timing of its pieces and transits, segments and gripper events on one clock."""
+"""From a motion to samples: timing of its pieces and transits, segments and gripper events on one
+clock.
+"""
 
 from itertools import pairwise
 
@@ -40,7 +42,8 @@ class MotionTiming:
         self._period = sampling_period(settings.sample_time, cell.scenario.speed)
 
     def pieces(self, motion: SevenPoseMotion) -> list[TimedPath]:
-        """The motion's three pieces, each from rest to rest; the tools' speed is capped where they hold cloth.
+        """The motion's three pieces, each from rest to rest; the tools' speed is capped where they
+        hold cloth.
 
         Raises:
             PathTimingError: a piece cannot be timed, or takes longer than the settings allow; it
@@ -70,11 +73,14 @@ class MotionTiming:
         return timed
 
     def _too_long(self, piece: TimedPath, bounds: PathLimits, index: int) -> PathTimingError:
-        """The error of a piece that takes longer than the settings allow, with the limit that decides its time."""
+        """The error of a piece that takes longer than the settings allow, with the limit that
+        decides its time.
+        """
         limit = deciding_limit(piece.path, bounds, time_optimal_profile(piece.path, bounds))
         return PathTimingError(
             limit,
-            f"makes it take {piece.duration:.3g} s, at most {self._settings.longest:.3g} s are allowed; check "
+            f"makes it take {piece.duration:.3g} s, at most {self._settings.longest:.3g} s are "
+            "allowed; check "
             "the limits and the speed",
             index,
         )
@@ -82,7 +88,8 @@ class MotionTiming:
     def segments(
         self, motion: SevenPoseMotion, pieces: list[TimedPath], ways: tuple[Transit, Transit]
     ) -> tuple[tuple[Segment, ...], tuple[GripperEvent, ...]]:
-        """The motion as samples between gripper events, on one clock, all of it on whole milliseconds.
+        """The motion as samples between gripper events, on one clock, all of it on whole
+        milliseconds.
 
         Args:
             motion: what was searched.
@@ -131,7 +138,9 @@ class MotionTiming:
 
 
 def _held(points: Array, samples: Samples) -> Samples:
-    """Samples in which the axes that a path holds still are still, without the rounding of its spline."""
+    """Samples in which the axes that a path holds still are still, without the rounding of its
+    spline.
+    """
     t, q, v = samples
     still = np.all(points == points[0], axis=0)
     q[:, still], v[:, still] = points[0, still], 0.0

@@ -1,4 +1,6 @@
-"""Candidates of one hand: those within reach, those whose key poses have a solution, and the arm's paths along them."""
+"""Candidates of one hand: those within reach, those whose key poses have a solution, and the arm's
+paths along them.
+"""
 
 import itertools
 from collections import Counter
@@ -148,7 +150,9 @@ class HandPaths:
         self._count_limits(solution)
 
     def _count_limits(self, solution: InverseSolution) -> None:
-        """Count, for poses that only a limit forbids, the axis that exceeds its limit most in the nearest branch."""
+        """Count, for poses that only a limit forbids, the axis that exceeds its limit most in the
+        nearest branch.
+        """
         rows = solution.found.any(-1) & ~solution.within.any(-1)
         q, found = solution.q[rows], solution.found[rows]
         if len(q) == 0:

@@ -68,7 +68,8 @@ def approach_direction(hand: HandTarget, offset: float) -> Array:
 
 
 def tool_rotation(direction: Array, tilt: Array | float) -> Array:
-    """Compute R_WT (..., 3, 3): z along the approach, tilted below the horizontal; y from the lower to the upper blade.
+    """Compute R_WT (..., 3, 3): z along the approach, tilted below the horizontal; y from the lower
+    to the upper blade.
 
     Args:
         direction: (..., 2) unit horizontal approach directions.
@@ -91,7 +92,9 @@ def tool_poses(positions: Array, rotation: Array) -> Array:
 
 
 def piece_counts(positions: Sequence[Array], step: float) -> list[int]:
-    """Choose the numbers of intervals of the three pieces so that no hand moves further than about a step, m, in one."""
+    """Choose the numbers of intervals of the three pieces so that no hand moves further than about
+    a step, m, in one.
+    """
     counts = []
     for _, first, last in PIECES:
         longest = 0.0
@@ -147,7 +150,9 @@ def _legs(
 
 
 def pieces(positions: Array, radius: float, counts: list[int]) -> list[Array]:
-    """Compute the three pieces of a hand, each (count + 1, 3), m, never below the lowest of the seven positions."""
+    """Compute the three pieces of a hand, each (count + 1, 3), m, never below the lowest of the
+    seven positions.
+    """
     floor = positions[:, 2].min()
     out = []
     for (name, first, last), count in zip(PIECES, counts, strict=True):

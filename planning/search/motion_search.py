@@ -1,4 +1,5 @@
-"""Best-first search for a dual-arm flattening motion over turn-table, tilts, offsets and assignment of hands.
+"""Best-first search for a dual-arm flattening motion over turn-table, tilts, offsets and assignment
+of hands.
 
 Based on Algorithm 1 of Sun et al. 2015, with these differences: both signs of the offsets; the sum
 of the offsets as the cost instead of their product; best first with early exit instead of the full
@@ -95,7 +96,8 @@ class MotionSearch:
     def single(
         self, target: FlatteningTarget, accept: Callable[[SevenPoseMotion], bool] = _any_motion
     ) -> tuple[SevenPoseMotion | None, SearchLog]:
-        """Find the cheapest motion of one arm on one side of the target, with the other arm at home.
+        """Find the cheapest motion of one arm on one side of the target, with the other arm at
+        home.
 
         The arm is the one that the flattening direction suggests (see `suggested_arm`); the other
         arm is tried only if that one has no motion on either side. Of the two sides the cheaper one
@@ -265,7 +267,9 @@ def natural_assignment(target: FlatteningTarget) -> tuple[int, int]:
 
 
 def _corner_indices(positions: Array, paths: list[Array]) -> tuple[int, ...]:
-    """Return the index at which each piece passes its middle pose, from the lengths of its two legs."""
+    """Return the index at which each piece passes its middle pose, from the lengths of its two
+    legs.
+    """
     indices = []
     for (_, first, last), path in zip(PIECES, paths, strict=True):
         legs = np.linalg.norm(np.diff(positions[first : last + 1], axis=0), axis=1)

@@ -300,7 +300,8 @@ class _Attempt:
         if self._refusals:
             return PlanFailure(
                 "verification",
-                f"no {kind}-arm motion: {len(self._refusals)} plans did not pass the verification; the "
+                f"no {kind}-arm motion: {len(self._refusals)} plans did not pass the verification; "
+                "the "
                 f"first: {self._refusals[0]}",
             )
         return None

@@ -1,4 +1,6 @@
-"""Settings of the planner: shape of the seven-pose motion, freedoms and costs of the search, sampling of transits."""
+"""Settings of the planner: shape of the seven-pose motion, freedoms and costs of the search,
+sampling of transits.
+"""
 
 from dataclasses import dataclass, field, replace
 from math import radians

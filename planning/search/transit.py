@@ -80,7 +80,9 @@ class TransitPlanner:
         return None if points is None else Transit(np.array(points), "rrt")
 
     def _vias(self, start: Array, goal: Array) -> list[Array]:
-        """Return via points: the middle with the upper arms leaned back, and each end with the other's turn-table angle."""
+        """Return via points: the middle with the upper arms leaned back, and each end with the
+        other's turn-table angle.
+        """
         middle = 0.5 * (start + goal)
         vias = []
         for lean in self._settings.leans:

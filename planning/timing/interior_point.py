@@ -1,4 +1,5 @@
-"""Optimal smoothing: the jerk-limited law s(t) along a path, by an interior-point method over the squared path speed.
+"""Optimal smoothing: the jerk-limited law s(t) along a path, by an interior-point method over the
+squared path speed.
 
 The path q(s), s in [0, 1], is kept exactly; only the speed along it is chosen. With x(s) =
 (ds/dt)^2 the joint derivatives are
@@ -43,7 +44,9 @@ _TIME_FACTOR = 30.0 / 16.0  # ds/dtau over sqrt(x / w)
 
 @dataclass(frozen=True, eq=False)
 class _Basis:
-    """Collocation points in tau, the spline's values and derivatives there, and the factors that turn w into x."""
+    """Collocation points in tau, the spline's values and derivatives there, and the factors that
+    turn w into x.
+    """
 
     tau: Array
     values: Array  # (3, M, K): w, w', w''
@@ -78,7 +81,9 @@ _DENSE = _basis((np.arange(_FINE) + 0.5) / _FINE, _KNOTS)
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Limits of P paths at the collocation points, linear in (w, w', w'') but for the jerk's factor sqrt(w)."""
+    """Limits of P paths at the collocation points, linear in (w, w', w'') but for the jerk's factor
+    sqrt(w).
+    """
 
     velocity: Array  # (P, M): w times this at most 1
     acceleration: Array  # (P, M, n, 2)
@@ -144,7 +149,8 @@ def smooth_optimally(
     limits: list[PathLimits],
     profiles: list[SpeedProfile] | None = None,
 ) -> list[TimedPath]:
-    """Find the fastest jerk-limited laws of several paths at once, each from rest to rest within its limits.
+    """Find the fastest jerk-limited laws of several paths at once, each from rest to rest within
+    its limits.
 
     Args:
         paths: all with the same number of axes.
@@ -170,7 +176,8 @@ def smooth_optimally(
 def _start(
     paths: list[JointPath], limits: list[PathLimits], profiles: list[SpeedProfile], rows: _Rows
 ) -> Array:
-    """Coefficients (P, K) of toppra's profiles, bounded near the ends, smoothed and slowed until every limit holds strictly.
+    """Coefficients (P, K) of toppra's profiles, bounded near the ends, smoothed and slowed until
+    every limit holds strictly.
 
     Of several widths of smoothing, and of a constant w, the fastest is taken for each path.
     """
@@ -187,12 +194,15 @@ def _start(
 
 
 def _slowed(c: Array, rows: _Rows, share: float) -> Array:
-    """Coefficients (P, K) scaled so that the tightest limit of each path is used up to a share, below 1."""
+    """Coefficients (P, K) scaled so that the tightest limit of each path is used up to a share,
+    below 1.
+    """
     return np.asarray(c * (share / _worst(rows, _evaluate(c, _COARSE)))[:, None])
 
 
 def _weights(path: JointPath, limits: PathLimits, profile: SpeedProfile) -> Array:
-    """Values of w (K,) at the spline's Greville points, of toppra's profile and of constant jerk from rest at either end.
+    """Values of w (K,) at the spline's Greville points, of toppra's profile and of constant jerk
+    from rest at either end.
 
     With constant jerk j of s from rest, s = j t^3 / 6 and x = (j t^2 / 2)^2 = (6 s)^(4/3) j^(2/3) /
     4; and s is 10 tau^3 there.
@@ -304,7 +314,7 @@ def _barrier_value(w: Array, rows: _Rows, weight: Array) -> Array:
 
 
 def _barrier(w: Array, rows: _Rows, weight: Array) -> tuple[Array, Array, Array]:
-    """Value (P,), gradient (P, M, 3) and a positive definite Hessian (P, M, 3, 3) in (w, w', w'')."""
+    """Value (P,), gradient (P, M, 3), positive definite Hessian (P, M, 3, 3) in (w, w', w'')."""
     v, a, j = rows.ratios(w)
     w0 = w[:, 0]
     value = _barrier_value(w, rows, weight)

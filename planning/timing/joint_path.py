@@ -14,7 +14,9 @@ _SHORTEST = 1e-9  # rad; a path with less motion cannot be timed
 
 @dataclass(frozen=True)
 class PathLimits:
-    """Limits along a path: joint velocity, acceleration, jerk (n,), and optionally the speed of the tool centre points, m/s."""
+    """Limits along a path: joint velocity, acceleration, jerk (n,), and optionally the speed of the
+    tool centre points, m/s.
+    """
 
     velocity: Array
     acceleration: Array

@@ -1,4 +1,5 @@
-"""Time parameterisation of curved paths: toppra's profile without a jerk limit, then the smoothing stage that bounds jerk.
+"""Time parameterisation of curved paths: toppra's profile without a jerk limit, then the smoothing
+stage that bounds jerk.
 
 | smoothing | law of motion | motion time over toppra's |
 |---|---|---|

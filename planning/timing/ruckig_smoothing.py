@@ -1,4 +1,5 @@
-"""Smoothing by ruckig: one-axis jerk-limited motions of the path parameter, under constant bounds in sections of the path.
+"""Smoothing by ruckig: one-axis jerk-limited motions of the path parameter, under constant bounds
+in sections of the path.
 
 toppra's profile, bounded by a share of the jerk limit where the path bends sharply, is cut at its
 minima. Each section has constant bounds on ds/dt and its two derivatives, and a state-to-state
@@ -84,7 +85,9 @@ class PhasedLaw:
         return PhasedLaw(factor * self.ends, self.states / factor ** np.arange(4.0))
 
     def worst(self, path: JointPath, limits: PathLimits, step: float) -> Array:
-        """By how much each phase (M,) must be slowed for every limit to hold, checked at most `step` apart and at its ends."""
+        """By how much each phase (M,) must be slowed for every limit to hold, checked at most
+        `step` apart and at its ends.
+        """
         durations = np.diff(self.ends, prepend=0.0)
         counts = np.maximum(np.ceil(durations / step).astype(int), 4) + 1
         first = np.concatenate([[0], np.cumsum(counts)[:-1]])
@@ -109,7 +112,9 @@ class PhasedLaw:
 
 
 def _moved(states: Array, dt: Array) -> tuple[Array, Array, Array]:
-    """Path parameter, rate and second derivative (N,), a time (N,) after states (N, 4), at constant third derivative."""
+    """Path parameter, rate and second derivative (N,), a time (N,) after states (N, 4), at constant
+    third derivative.
+    """
     s, v, a, j = states.T
     return (
         s + dt * (v + dt * (a / 2.0 + dt * j / 6.0)),
@@ -206,7 +211,9 @@ def _minima(speed: Array) -> NDArray[np.intp]:
 
 @dataclass(frozen=True)
 class _Section:
-    """A part of the path, with constant bounds on the speed, acceleration and jerk of the path parameter."""
+    """A part of the path, with constant bounds on the speed, acceleration and jerk of the path
+    parameter.
+    """
 
     begin: float
     length: float
@@ -218,7 +225,9 @@ class _Section:
     def over(
         cls, path: JointPath, limits: PathLimits, s: Array, speed: Array, first: int, last: int
     ) -> "_Section":
-        """Bounds that hold for the joints over the section as far as the path's first derivative goes."""
+        """Bounds that hold for the joints over the section as far as the path's first derivative
+        goes.
+        """
         rate = np.abs(path.spline(np.linspace(s[first], s[last], 40), nu=1)).max(axis=0)
         with np.errstate(divide="ignore"):
             acceleration, jerk = limits.acceleration / rate, limits.jerk / rate
@@ -231,7 +240,9 @@ class _Section:
         )
 
     def motion(self, slow: float, start: float, end: float) -> ruckig.Trajectory | None:
-        """State-to-state motion between two speeds, or None where there is none that moves forwards only."""
+        """State-to-state motion between two speeds, or None where there is none that moves forwards
+        only.
+        """
         request, motion = ruckig.InputParameter(1), ruckig.Trajectory(1)
         request.current_position, request.target_position = [0.0], [self.length]
         request.current_velocity, request.target_velocity = [start], [end]
@@ -270,7 +281,9 @@ def _reachable(sections: list[_Section], slow: Array, allowed: Array) -> Array:
 def _greatest(
     section: _Section, slow: float, start: float | None, end: float | None, most: float
 ) -> float:
-    """Greatest speed up to `most`, in the place of the one that is None, for which there is a motion; by bisection."""
+    """Greatest speed up to `most`, in the place of the one that is None, for which there is a
+    motion; by bisection.
+    """
 
     def possible(speed: float) -> bool:
         motion = section.motion(

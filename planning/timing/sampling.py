@@ -1,4 +1,6 @@
-"""Samples of a timed motion whose limits still hold once they are rounded to what the controller takes."""
+"""Samples of a timed motion whose limits still hold once they are rounded to what the controller
+takes.
+"""
 
 from typing import Protocol
 
@@ -47,7 +49,8 @@ def sampling_period(at_full_speed: float, speed: float) -> float:
 
 
 def sample_within(motion: Timed, period: float, limits: Limits) -> Samples:
-    """Samples on whole periods; velocity, acceleration and jerk of the cubics between them, as sent, keep the limits.
+    """Samples on whole periods; velocity, acceleration and jerk of the cubics between them, as
+    sent, keep the limits.
 
     Args:
         motion: from rest to rest.
@@ -70,7 +73,8 @@ def sample_within(motion: Timed, period: float, limits: Limits) -> Samples:
             break
         slower = duration / motion.duration
     raise NoSafePlanError(
-        f"positions sent as float32 every {MILLISECONDS * period:.0f} ms break the limits by rounding alone; "
+        f"positions sent as float32 every {MILLISECONDS * period:.0f} ms break the limits by "
+        "rounding alone; "
         "raise the speed, or the sample time of the planner's settings"
     )
 

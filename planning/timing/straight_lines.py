@@ -36,7 +36,8 @@ class TimedLine:
         return float(self.law.duration)
 
     def sample(self, period: float, slower: float = 1.0) -> tuple[Array, Array, Array]:
-        """Times (N,), positions and velocities (N, n) at a period, all on the line, the first and last at rest.
+        """Times (N,), positions and velocities (N, n) at a period, all on the line, the first and
+        last at rest.
 
         Args:
             period: s.
@@ -94,14 +95,17 @@ def time_line(
     line = _timed(start, goal, limits, margin)
     if not line.duration <= longest:
         raise NoSafePlanError(
-            f"a transit would take {line.duration:.0f} s, at most {longest:.0f} s are allowed; check "
+            f"a transit would take {line.duration:.0f} s, at most {longest:.0f} s are allowed; "
+            "check "
             "the limits and the speed"
         )
     return *sample_within(line, period, limits), line.duration
 
 
 def _timed(start: Array, goal: Array, limits: Limits, margin: float) -> TimedLine:
-    """The line with ruckig's motion of the axis that moves furthest, in rad, under all axes' limits."""
+    """The line with ruckig's motion of the axis that moves furthest, in rad, under all axes'
+    limits.
+    """
     way = np.abs(goal - start)
     length = float(way.max())
     share = way / length

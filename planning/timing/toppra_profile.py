@@ -79,7 +79,8 @@ class PathTimingError(NoSafePlanError):
 
 @dataclass(frozen=True, eq=False)
 class SpeedProfile:
-    """Speed of the path parameter at grid points; its second time derivative is constant between them.
+    """Speed of the path parameter at grid points; its second time derivative is constant between
+    them.
 
     Attributes:
         s: (N+1,) path parameter, from 0 to 1.
@@ -120,7 +121,8 @@ class SpeedProfile:
 def time_optimal_profile(
     path: JointPath, limits: PathLimits, gridpoints: int = _GRIDPOINTS
 ) -> SpeedProfile:
-    """Find the fastest speed along a path from rest to rest under velocity, acceleration and tip speed limits.
+    """Find the fastest speed along a path from rest to rest under velocity, acceleration and tip
+    speed limits.
 
     Args:
         path: the path.
@@ -161,7 +163,8 @@ def time_optimal_profile(
 
 
 def deciding_limit(path: JointPath, limits: PathLimits, profile: SpeedProfile) -> LimitInTheWay:
-    """Find the limit that a path's fastest profile keeps to for the longest time, and the middle of that time.
+    """Find the limit that a path's fastest profile keeps to for the longest time, and the middle of
+    that time.
 
     Args:
         path: the path.

@@ -96,7 +96,8 @@ def check_clearances(
     taking_part: tuple[bool, bool],
     found: Findings,
 ) -> ClearanceReport:
-    """Check every pair of bodies over the whole motion. Adds the checks `clearance` and `finger_table`.
+    """Check every pair of bodies over the whole motion. Adds the checks `clearance` and
+    `finger_table`.
 
     Args:
         model: of the cell.
@@ -112,7 +113,8 @@ def check_clearances(
     except _TooMuchWork as reached:
         found.fail(
             "clearance",
-            f"the distances between bodies cannot be verified within {MOST_BOUNDED} bounds and {MOST_MEASURED} measured "
+            f"the distances between bodies cannot be verified within {MOST_BOUNDED} bounds and "
+            f"{MOST_MEASURED} measured "
             f"distances; that was used up at {reached.time:.3f} s",
             reached.time,
         )
@@ -176,7 +178,9 @@ class _Search:
             raise _TooMuchWork(time)
 
     def _first_times(self) -> Array:
-        """Choose samples between which no pair moves by more than FIRST_STEP, and the ends of the contact window."""
+        """Choose samples between which no pair moves by more than FIRST_STEP, and the ends of the
+        contact window.
+        """
         leg = self._leg
         fastest = np.concatenate([[0.0], np.cumsum(self._speed.max(axis=1) * leg.step[:, 0])])
         count = min(int(np.ceil(fastest[-1] / FIRST_STEP)) + 1, len(leg.times))
@@ -271,7 +275,9 @@ class _Search:
             self._broken[i] = _broken(self._model.pairs[i], d, padding, time)
 
     def _halve(self, work: _Open) -> _Open:
-        """Drop intervals whose bound is high enough, and bound the distances in the middle of the others."""
+        """Drop intervals whose bound is high enough, and bound the distances in the middle of the
+        others.
+        """
         pairs = self._pair_of[work.shapes]
         clock = self._clock_at(work.end, pairs) - self._clock_at(work.begin, pairs)
         # d0 and d1 are lower bounds, so they may differ by more than the motion bound.
@@ -328,7 +334,8 @@ class _Search:
                 begin, end = self._unresolved[i]
                 found.fail(
                     check,
-                    f"the distance of {' and '.join(pair.names)} cannot be bounded well enough between {begin:.4f} and "
+                    f"the distance of {' and '.join(pair.names)} cannot be bounded well enough "
+                    f"between {begin:.4f} and "
                     f"{end:.4f} s",
                     begin,
                 )
@@ -372,13 +379,16 @@ def _broken(pair: BodyPair, distance: float, padding: float, time: float) -> str
             f"{1e3 * padding:.0f} mm apart required)"
         )
     return (
-        f"{names} are {1e3 * distance:.2f} mm apart at {time:.3f} s, {1e3 * (padding - distance):.2f} mm less "
+        f"{names} are {1e3 * distance:.2f} mm apart at {time:.3f} s, "
+        f"{1e3 * (padding - distance):.2f} mm less "
         f"than the {1e3 * padding:.0f} mm required ({pair.kind})"
     )
 
 
 def _pair_speeds(model: CellModel, leg: Leg, X_WJ: Array) -> Array:
-    """Bound the relative speed of every pair of bodies in every interval of a leg, (n-1, pairs), m/s."""
+    """Bound the relative speed of every pair of bodies in every interval of a leg, (n-1, pairs),
+    m/s.
+    """
     directions = model.axis_directions()
     step = leg.step[:, 0]
     speeds = []

@@ -25,7 +25,8 @@ _CLEAR = ("plan", "leave-table")
 def check_contact(
     plan: FlatteningPlan, cell: Cell, model: CellModel, legs: Sequence[ToolLeg], found: Findings
 ) -> None:
-    """Check contact windows and named poses against the tools' positions, and the speed of open fingers near the table.
+    """Check contact windows and named poses against the tools' positions, and the speed of open
+    fingers near the table.
 
     Args:
         plan: the plan.
@@ -76,7 +77,8 @@ def _check_window(leg: ToolLeg, away: Array, arm: int, found: Findings) -> None:
     if not worst <= REACH:
         found.fail(
             "contact",
-            f"the contact window of {leg.leg.name} holds a time ({time:.3f} s) at which the {ARMS[arm]} tool is "
+            f"the contact window of {leg.leg.name} holds a time ({time:.3f} s) at which the "
+            f"{ARMS[arm]} tool is "
             f"{worst:.3f} m from its place on the table, at most {REACH:g} m are allowed",
             time,
         )
@@ -117,7 +119,8 @@ def _check_speeds(leg: ToolLeg, cell: Cell, model: CellModel, arm: int, found: F
         if not worst <= limit:
             found.fail(
                 kind,
-                f"the {ARMS[arm]} tool {what} up to {worst:.3f} m/s at {time:.3f} s of {leg.leg.name}, nearer to it "
+                f"the {ARMS[arm]} tool {what} up to {worst:.3f} m/s at {time:.3f} s of "
+                f"{leg.leg.name}, nearer to it "
                 f"than {1e3 * settings.near_table:.0f} mm; at most {limit:g} m/s are allowed",
                 time,
             )

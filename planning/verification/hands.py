@@ -33,7 +33,8 @@ TOLERANCE = 1e-9
 def check_hands(
     plan: FlatteningPlan, cell: Cell, model: CellModel, legs: Sequence[ToolLeg], found: Findings
 ) -> None:
-    """Check the tools' places at the gripper events, and their path, speed and stretch of the cloth while holding.
+    """Check the tools' places at the gripper events, and their path, speed and stretch of the cloth
+    while holding.
 
     Args:
         plan: the plan.
@@ -81,7 +82,8 @@ def _check_speed(holding: Sequence[ToolLeg], limit: float, found: Findings) -> N
             if not worst <= limit * (1.0 + TOLERANCE):
                 found.fail(
                     "tip_speed",
-                    f"the {name} gripper's tip moves at up to {worst:.4f} m/s at {time:.3f} s of {leg.leg.name} while "
+                    f"the {name} gripper's tip moves at up to {worst:.4f} m/s at {time:.3f} s of "
+                    f"{leg.leg.name} while "
                     f"cloth is held, {worst - limit:.4f} m/s more than the limit {limit:g} m/s",
                     time,
                 )
@@ -97,8 +99,10 @@ def _check_stretch(leg: ToolLeg, limit: float, found: Findings) -> None:
     if not worst <= limit * (1.0 + TOLERANCE):
         found.fail(
             "stretch",
-            f"the grippers are up to {worst:.4f} m apart at {time:.3f} s, {1e3 * (worst - limit):.1f} mm more "
-            f"than the {limit:.4f} m that the cloth between them allows ({STRETCH_LIMIT} x its length)",
+            f"the grippers are up to {worst:.4f} m apart at {time:.3f} s, "
+            f"{1e3 * (worst - limit):.1f} mm more "
+            f"than the {limit:.4f} m that the cloth between them allows ({STRETCH_LIMIT} x its "
+            "length)",
             time,
         )
     found.check("stretch", worst, limit, limit - worst, "m", "between the grippers", time)
@@ -108,7 +112,8 @@ def _check_stretch(leg: ToolLeg, limit: float, found: Findings) -> None:
     if not worst <= SLACK:
         found.fail(
             "slack",
-            f"the distance of the holding grippers has decreased by {1e3 * worst:.1f} mm at {time:.3f} s, "
+            f"the distance of the holding grippers has decreased by {1e3 * worst:.1f} mm at "
+            f"{time:.3f} s, "
             f"{1e3 * (worst - SLACK):.1f} mm more than the {1e3 * SLACK:.0f} mm allowed",
             time,
         )
@@ -132,7 +137,9 @@ class _Work:
         self._end = self._begin + self._length * hand.pull_direction
 
     def check_place(self, kind: str, tool: ToolMotion, found: Findings) -> None:
-        """Check the tool's place and height at the end of its leg, and that the place lies on the table."""
+        """Check the tool's place and height at the end of its leg, and that the place lies on the
+        table.
+        """
         place = self._begin if kind == "grasp" else self._end
         p, time, name = tool.p_WT[-1], float(tool.times[-1]), self._name
         off = float(np.hypot(*(p[:2] - place)))
@@ -141,7 +148,8 @@ class _Work:
             found.fail(
                 kind,
                 f"{what}, {1e3 * off:.1f} mm from the {kind.replace('_', '-')} point "
-                f"({place[0]:.3f}, {place[1]:.3f}) m, at most {1e3 * PLACE_TOLERANCE:.0f} mm are allowed",
+                f"({place[0]:.3f}, {place[1]:.3f}) m, at most {1e3 * PLACE_TOLERANCE:.0f} mm are "
+                "allowed",
                 time,
             )
         margin = PLACE_TOLERANCE - off
@@ -150,7 +158,8 @@ class _Work:
         if not HEIGHTS[0] <= height <= HEIGHTS[1]:
             found.fail(
                 kind,
-                f"{what}, {1e3 * height:.1f} mm above the working table, where 0 to {1e3 * HEIGHTS[1]:.0f} mm is "
+                f"{what}, {1e3 * height:.1f} mm above the working table, where 0 to "
+                f"{1e3 * HEIGHTS[1]:.0f} mm is "
                 "needed",
                 time,
             )
@@ -165,14 +174,17 @@ class _Work:
         if not beyond <= allowed:
             found.fail(
                 "table",
-                f"{what} is at ({place[0]:.3f}, {place[1]:.3f}) m at {time:.3f} s, {1e3 * beyond:.0f} mm beyond the "
+                f"{what} is at ({place[0]:.3f}, {place[1]:.3f}) m at {time:.3f} s, "
+                f"{1e3 * beyond:.0f} mm beyond the "
                 "edge of the working table",
                 time,
             )
         found.check("table", beyond, allowed, allowed - beyond, "m", f"{self._name} gripper", time)
 
     def check_pull(self, tool: ToolMotion, found: Findings) -> None:
-        """Check that the tool stays near the line from grasp to put-down and low, and does not go back, while it holds."""
+        """Check that the tool stays near the line from grasp to put-down and low, and does not go
+        back, while it holds.
+        """
         along = (tool.p_WT[:, :2] - self._begin) @ self._direction
         nearest = np.clip(along, 0.0, max(self._length, 0.0))[:, None] * self._direction
         off = _between(np.linalg.norm(tool.p_WT[:, :2] - self._begin - nearest, axis=1), tool.sag)
@@ -181,7 +193,8 @@ class _Work:
         if not worst <= LINE_TOLERANCE:
             found.fail(
                 "pull",
-                f"the {self._name} gripper is {1e3 * worst:.1f} mm off the line of its pull at {time:.3f} s, at most "
+                f"the {self._name} gripper is {1e3 * worst:.1f} mm off the line of its pull at "
+                f"{time:.3f} s, at most "
                 f"{1e3 * LINE_TOLERANCE:.0f} mm are allowed while cloth is held",
                 time,
             )
@@ -193,7 +206,8 @@ class _Work:
         if not worst <= self._height:
             found.fail(
                 "pull",
-                f"the {self._name} gripper holds cloth up to {1e3 * worst:.0f} mm above the working table at "
+                f"the {self._name} gripper holds cloth up to {1e3 * worst:.0f} mm above the "
+                "working table at "
                 f"{time:.3f} s, at most {1e3 * self._height:.0f} mm are allowed",
                 time,
             )
@@ -203,14 +217,17 @@ class _Work:
         if not worst <= SLACK:
             found.fail(
                 "slack",
-                f"the {self._name} gripper has moved back along its pull by {1e3 * worst:.1f} mm at {time:.3f} s, at most "
+                f"the {self._name} gripper has moved back along its pull by {1e3 * worst:.1f} mm "
+                f"at {time:.3f} s, at most "
                 f"{1e3 * SLACK:.0f} mm are allowed",
                 time,
             )
         found.check("slack", worst, SLACK, SLACK - worst, "m", f"{self._name} tip", time)
 
     def check_alone(self, tool: ToolMotion, found: Findings) -> None:
-        """Check that an arm that pulls alone keeps within the length of the cloth to the other grasp point."""
+        """Check that an arm that pulls alone keeps within the length of the cloth to the other
+        grasp point.
+        """
         distance = np.linalg.norm(tool.p_WT - self._other.p_WG, axis=1)
         bound = _between(distance, tool.sag)
         i = int(np.argmax(bound))
@@ -218,8 +235,10 @@ class _Work:
         if not worst <= self._limit * (1.0 + TOLERANCE):
             found.fail(
                 "stretch",
-                f"the {self._name} gripper is {worst:.4f} m from the other hand's grasp point at {time:.3f} s, "
-                f"{1e3 * (worst - self._limit):.1f} mm more than the {self._limit:.4f} m that the cloth between them "
+                f"the {self._name} gripper is {worst:.4f} m from the other hand's grasp point at "
+                f"{time:.3f} s, "
+                f"{1e3 * (worst - self._limit):.1f} mm more than the {self._limit:.4f} m that the "
+                "cloth between them "
                 f"allows ({STRETCH_LIMIT} x its length)",
                 time,
             )

@@ -25,7 +25,8 @@ _COUNT = 25
 def check_kinematics(
     cell: Cell, legs: Sequence[Leg], frames: Sequence[tuple[Array, Array]], found: Findings
 ) -> None:
-    """Compare the planner's kinematics with Drake's on samples of the motion. Adds the check `kinematics`.
+    """Compare the planner's kinematics with Drake's on samples of the motion. Adds the check
+    `kinematics`.
 
     Args:
         cell: the cell.
@@ -49,7 +50,8 @@ def check_kinematics(
     if not (worst <= POSITION_TOLERANCE and turned <= DIRECTION_TOLERANCE):
         found.fail(
             "kinematics",
-            f"robot.yaml and the model files give positions of the {where} {1e3 * worst:.2f} mm apart at {when:.3f} s (axes up to "
+            f"robot.yaml and the model files give positions of the {where} {1e3 * worst:.2f} mm "
+            f"apart at {when:.3f} s (axes up to "
             f"{turned:.2g} rad): they describe different robots",
             when,
         )

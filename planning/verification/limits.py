@@ -20,7 +20,8 @@ _UNITS = {"velocity": "rad/s", "acceleration": "rad/s²", "jerk": "rad/s³"}
 
 
 def check_limits(legs: Sequence[Leg], limits: Limits, axes: Sequence[str], found: Findings) -> None:
-    """Check position, velocity, acceleration, jerk and jumps of acceleration of every axis in every interval.
+    """Check position, velocity, acceleration, jerk and jumps of acceleration of every axis in every
+    interval.
 
     Args:
         legs: the motion; gripper strokes are skipped.
@@ -77,7 +78,8 @@ def _check_positions(
         if not margin >= -TOLERANCE:
             found.fail(
                 "position",
-                f"{name} reaches {value:.4f} rad at {time:.3f} s, beyond its limit {limit:.4f} rad by "
+                f"{name} reaches {value:.4f} rad at {time:.3f} s, beyond its limit {limit:.4f} rad "
+                "by "
                 f"{-margin:.2g} rad",
                 time,
             )

@@ -1,4 +1,5 @@
-"""The verification's model of a cell: Drake's plant, kinematic chains, and the pairs of bodies with their clearances.
+"""The verification's model of a cell: Drake's plant, kinematic chains, and the pairs of bodies with
+their clearances.
 
 Only the model files are shared with the planner.
 """
@@ -46,7 +47,8 @@ class BodyPair:
 
 
 class CellModel:
-    """Plant, pairs of bodies and kinematics of a cell. Building it takes some tenths of a second; not thread-safe.
+    """Plant, pairs of bodies and kinematics of a cell. Building it takes some tenths of a second;
+    not thread-safe.
 
     Attributes:
         pairs: all pairs of bodies with a clearance.
@@ -124,7 +126,9 @@ class CellModel:
         return X_WJ, X_WT
 
     def beyond_table(self, places: Array) -> Array:
-        """Return how far places (..., 2) in the world lie beyond the nearest edge of the working table, m; negative on it."""
+        """Return how far places (..., 2) in the world lie beyond the nearest edge of the working
+        table, m; negative on it.
+        """
         local = (np.asarray(places) - self._X_WS[:2, 3]) @ self._X_WS[:2, :2]
         beyond = np.abs(local) - 0.5 * np.asarray(self.cell.scenario.table.size)
         return np.asarray(beyond.max(axis=-1))
@@ -226,7 +230,8 @@ class CellModel:
         for name in wanted:
             if name not in self._chain:
                 raise InputError(
-                    f"the cell's models have no link '{name}', to which the robot's description gives a role"
+                    f"the cell's models have no link '{name}', to which the robot's description "
+                    "gives a role"
                 )
         near = set()
         for joint in self._joints:
@@ -236,7 +241,8 @@ class CellModel:
         for pair in robot.adjacent:
             if frozenset(pair) not in near:
                 raise InputError(
-                    f"the robot's description exempts {' and '.join(pair)} from a clearance; only a link and what carries "
+                    f"the robot's description exempts {' and '.join(pair)} from a clearance; only "
+                    "a link and what carries "
                     "its joint may be exempt"
                 )
 
@@ -248,7 +254,9 @@ class CellModel:
         return box_corners(everything.min(axis=0), everything.max(axis=0))
 
     def _find_pairs(self) -> None:
-        """List the pairs, and remove all collision filters of the models so that the query covers every pair."""
+        """List the pairs, and remove all collision filters of the models so that the query covers
+        every pair.
+        """
         everything = GeometrySet(list(self.shapes.ids))
         context = self._diagram.scene_graph().GetMyMutableContextFromRoot(self._root)
         filters = self._diagram.scene_graph().collision_filter_manager(context)

@@ -1,4 +1,5 @@
-"""The motion that is verified: cubic pieces with exact extremes, and gripper strokes between segments.
+"""The motion that is verified: cubic pieces with exact extremes, and gripper strokes between
+segments.
 
 Between two samples the controller runs the cubic Hermite interpolant of positions and velocities.
 Its acceleration is linear and its jerk constant, so the extremes of every derivative follow in
@@ -116,7 +117,7 @@ class Leg:
         )
 
     def at_times(self, times: Array) -> "Leg":
-        """Resample the same motion at increasing times (m,) inside the leg, s on the plan's clock."""
+        """Resample the same motion at increasing times (m,) in the leg, s on the plan's clock."""
         i = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.step) - 1)
         t = (times - self.times[i])[:, None]
         begin, jerk, v = self.acceleration[0][i], self.jerk[i], self.velocities[i]

@@ -1,4 +1,6 @@
-"""Checks of the tools' postures during contact and holding against the postures that the plan states."""
+"""Checks of the tools' postures during contact and holding against the postures that the plan
+states.
+"""
 
 from collections.abc import Sequence
 
@@ -28,7 +30,8 @@ _UPRIGHT = 0.05
 def check_postures(
     plan: FlatteningPlan, cell: Cell, model: CellModel, legs: Sequence[ToolLeg], found: Findings
 ) -> None:
-    """Check tilt, heading and roll of the tools, and the turn-table, in contact, near the table, and while holding.
+    """Check tilt, heading and roll of the tools, and the turn-table, in contact, near the table,
+    and while holding.
 
     Args:
         plan: the plan.
@@ -85,7 +88,8 @@ def _check_arm(
         if not margin >= -TILT_TOLERANCE:
             found.fail(
                 "tilt",
-                f"the {name} tool is {np.degrees(worst):.1f} degrees below the horizontal at {time:.3f} s of "
+                f"the {name} tool is {np.degrees(worst):.1f} degrees below the horizontal at "
+                f"{time:.3f} s of "
                 f"{leg.leg.name}, outside {np.degrees(window.tilt_lower):.0f} to "
                 f"{np.degrees(window.tilt_upper):.0f} degrees",
                 time,
@@ -105,7 +109,8 @@ def _check_arm(
             shown = worst / max(float(level[working[i]]), _UPRIGHT) if kind == "heading" else worst
             found.fail(
                 kind,
-                f"the {name} tool is {np.degrees(shown):.1f} degrees off the stated {what} at {time:.3f} s of "
+                f"the {name} tool is {np.degrees(shown):.1f} degrees off the stated {what} at "
+                f"{time:.3f} s of "
                 f"{leg.leg.name}, about {np.degrees(POSTURE_TOLERANCE):.1f} are allowed",
                 time,
             )
@@ -115,7 +120,8 @@ def _check_arm(
 
 
 def tool_angles(R_WT: Array, claimed: Array) -> tuple[Array, Array, Array]:
-    """Tilt below the horizontal, heading against a claimed one, and roll about the approach axis, rad.
+    """Tilt below the horizontal, heading against a claimed one, and roll about the approach axis,
+    rad.
 
     z of a tool is its approach axis, y goes from the lower to the upper blade. Of the two
     descriptions of one posture (the other has a tilt beyond the vertical) the one nearer to the
@@ -156,7 +162,8 @@ def _check_fixed(cell: Cell, leg: ToolLeg, found: Findings) -> None:
     if not moved <= FIXED_TOLERANCE:
         found.fail(
             "turntable",
-            f"the turn-table moves by {moved:.4f} rad during {leg.leg.name}, but it is fixed in this cell",
+            f"the turn-table moves by {moved:.4f} rad during {leg.leg.name}, but it is fixed in "
+            "this cell",
             float(leg.leg.times[0]),
         )
 
@@ -172,7 +179,8 @@ def _check_turntable(
     if not worst <= TURNTABLE_TOLERANCE and not found.failed("turntable"):
         found.fail(
             "turntable",
-            f"the turn-table is {worst:.4f} rad off the stated {plan.turntable:.4f} rad at {time:.3f} s of "
+            f"the turn-table is {worst:.4f} rad off the stated {plan.turntable:.4f} rad at "
+            f"{time:.3f} s of "
             f"{leg.leg.name}, at most {TURNTABLE_TOLERANCE:g} rad are allowed",
             time,
         )

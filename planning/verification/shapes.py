@@ -1,4 +1,5 @@
-"""Reliable distances between convex shapes: each is the width of a gap between two parallel planes that separate the shapes.
+"""Reliable distances between convex shapes: each is the width of a gap between two parallel planes
+that separate the shapes.
 
 For any unit vector n, the gap between the extents of two convex sets along n is a lower bound of
 their (signed) distance; for the right n it is equal. Drake's distance query uses a GJK that
@@ -34,7 +35,8 @@ CONFIRMED = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Shapes:
-    """Centrally symmetric outlines of N collision shapes: Minkowski sums of a box, a disk about its z axis and a ball.
+    """Centrally symmetric outlines of N collision shapes: Minkowski sums of a box, a disk about its
+    z axis and a ball.
 
     Exact for boxes, cylinders, capsules and spheres; other shapes are replaced by their bounding
     boxes.
@@ -106,7 +108,9 @@ def _outline(
 
 
 def _extents(shapes: Shapes, which: Indices, R: Array, n: Array) -> Array:
-    """Return the half extents (m, k), m, of m shapes with axes R (m, 3, 3) along directions n (m, k, 3)."""
+    """Return the half extents (m, k), m, of m shapes with axes R (m, 3, 3) along directions n (m,
+    k, 3).
+    """
     local = np.abs(n @ R)
     flat = local @ shapes.half[which][:, :, None]
     rim = shapes.disk[which][:, None] * np.hypot(local[..., 0], local[..., 1])
@@ -141,7 +145,8 @@ def face_gaps(
     p: Array,
     known: Array | None = None,
 ) -> Array:
-    """Return the greatest gap (m,), m, along the axes of both shapes, the line of their centres and a known direction.
+    """Return the greatest gap (m,), m, along the axes of both shapes, the line of their centres and
+    a known direction.
 
     Args as in `gaps`; `known` holds unit vectors (m, 3), or zeros where there is none.
     """

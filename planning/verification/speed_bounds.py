@@ -1,4 +1,5 @@
-"""Upper bounds on the speed of points on a chain of joints within an interval, from the extremes of the joints.
+"""Upper bounds on the speed of points on a chain of joints within an interval, from the extremes of
+the joints.
 
 A point p is carried by revolute joints 1..J. Joint k rotates it about an axis at distance rho_k;
 the joints beyond k move it relative to the frame of joint k. With bounds w, a, j of a joint's
@@ -47,7 +48,8 @@ def distances_to_axes(points: Array, X_WJ: Array, directions: Array, chain: Sequ
 
 
 def speed_bounds(rho: Array, step: Array, velocity: Array, prismatic: Sequence[bool]) -> Array:
-    """Bound the speed of a body's points in every interval, relative to the frame before each joint of its chain.
+    """Bound the speed of a body's points in every interval, relative to the frame before each joint
+    of its chain.
 
     Args:
         rho: (n, J) distances to the axes at the samples.

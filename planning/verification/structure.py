@@ -62,7 +62,8 @@ def check_identity(plan: FlatteningPlan, cell: Cell, limits_hash: str, found: Fi
         if made != here:
             found.fail(
                 "hash",
-                f"the plan was made with another {what} ({made[:12]}, here {here[:12]}); plan again",
+                f"the plan was made with another {what} ({made[:12]}, here {here[:12]}); plan "
+                "again",
             )
     found.check("hash", where=plan.content_hash[:12])
 
@@ -87,7 +88,8 @@ def check_numbers(plan: FlatteningPlan, found: Findings) -> None:
     if max(counts) > MOST_PARTS:
         found.fail(
             "numbers",
-            f"the plan has {counts[0]} segments with up to {max(counts[2:], default=0)} poses, and {counts[1]} events; "
+            f"the plan has {counts[0]} segments with up to {max(counts[2:], default=0)} poses, and "
+            f"{counts[1]} events; "
             f"at most {MOST_PARTS} of each are read",
         )
         return
@@ -116,7 +118,8 @@ def check_numbers(plan: FlatteningPlan, found: Findings) -> None:
     if not count <= MOST_SAMPLES:
         found.fail(
             "numbers",
-            f"the plan has {count} samples and cannot be verified within {MOST_SAMPLES}; plan with a longer sample time",
+            f"the plan has {count} samples and cannot be verified within {MOST_SAMPLES}; plan with "
+            "a longer sample time",
         )
     found.check(
         "numbers", float(count), float(MOST_SAMPLES), float(MOST_SAMPLES - count), "", "samples"
@@ -134,18 +137,21 @@ def check_choice(plan: FlatteningPlan, found: Findings) -> None:
             found.fail(
                 "choice",
                 f"the {name} arm's offset is {np.degrees(arm.offset):.0f} degrees, at most "
-                f"{np.degrees(GREATEST_OFFSET):.0f} are allowed: the blades would not enter the cloth from outside",
+                f"{np.degrees(GREATEST_OFFSET):.0f} are allowed: the blades would not enter the "
+                "cloth from outside",
             )
         if not 0.0 <= arm.share <= GREATEST_SHARE:
             found.fail(
                 "choice",
-                f"the {name} arm pulls {arm.share:g} times the target's distance, 0 to {GREATEST_SHARE:g} are allowed",
+                f"the {name} arm pulls {arm.share:g} times the target's distance, 0 to "
+                f"{GREATEST_SHARE:g} are allowed",
             )
     together, allowed = sum(shares.values()), float(len(shares))
     if not together <= allowed + SHARE_TOLERANCE:
         found.fail(
             "choice",
-            f"the arms pull {together:g} times a hand's distance together, at most {allowed:g} is allowed for "
+            f"the arms pull {together:g} times a hand's distance together, at most {allowed:g} is "
+            "allowed for "
             f"{len(shares)} arm{'s' if len(shares) != 1 else ''}",
         )
     found.check(
@@ -154,7 +160,8 @@ def check_choice(plan: FlatteningPlan, found: Findings) -> None:
 
 
 def check_sent(plan: FlatteningPlan, found: Findings) -> FlatteningPlan | None:
-    """Round the plan's segments as the controller does; None if it cannot represent them. Adds the check `sent`.
+    """Round the plan's segments as the controller does; None if it cannot represent them. Adds the
+    check `sent`.
 
     Every profile of the controller carries float32 and whole milliseconds.
     """
@@ -197,7 +204,8 @@ def check_structure(plan: FlatteningPlan, found: Findings) -> None:
         if not segment.start >= end - TIME_TOLERANCE:
             found.fail(
                 "structure",
-                f"{segment.name} starts at {segment.start:.4f} s, before the segment before it ends "
+                f"{segment.name} starts at {segment.start:.4f} s, before the segment before it "
+                "ends "
                 f"({end:.4f} s)",
                 segment.start,
             )
@@ -227,7 +235,8 @@ def _check_contact(plan: FlatteningPlan, name: str, found: Findings) -> None:
     if not earliest - TIME_TOLERANCE <= begin <= end <= latest + TIME_TOLERANCE:
         found.fail(
             "structure",
-            f"the contact window of {name} is {begin:.3f} to {end:.3f} s, not within {earliest:.3f} to "
+            f"the contact window of {name} is {begin:.3f} to {end:.3f} s, not within "
+            f"{earliest:.3f} to "
             f"{latest:.3f} s (plan pose to leave pose)",
             segment.start + begin,
         )
@@ -316,7 +325,8 @@ def check_grippers(plan: FlatteningPlan, cell: Cell, found: Findings) -> None:
         if event.closed != states:
             found.fail(
                 "gripper",
-                f"the event at {event.time:.3f} s makes the grippers {_words(event.closed)}, expected "
+                f"the event at {event.time:.3f} s makes the grippers {_words(event.closed)}, "
+                "expected "
                 f"{_words(states)}",
                 event.time,
             )
@@ -324,7 +334,8 @@ def check_grippers(plan: FlatteningPlan, cell: Cell, found: Findings) -> None:
         if not (event.time >= before.end - TIME_TOLERANCE and done <= after.start + TIME_TOLERANCE):
             found.fail(
                 "gripper",
-                f"the grippers change from {event.time:.3f} to {done:.3f} s, while the arms rest only from "
+                f"the grippers change from {event.time:.3f} to {done:.3f} s, while the arms rest "
+                "only from "
                 f"{before.end:.3f} to {after.start:.3f} s",
                 event.time,
             )

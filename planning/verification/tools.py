@@ -67,7 +67,9 @@ class ToolMotion:
 
     @cached_property
     def turn(self) -> Array:
-        """Bound on the deviation of the axes from the arc between their directions at the ends, (n-1,), rad: twice the chord's."""
+        """Bound on the deviation of the axes from the arc between their directions at the ends,
+        (n-1,), rad: twice the chord's.
+        """
         return 0.25 * self.step**2 * self.W2
 
     @cached_property
@@ -136,7 +138,8 @@ class ToolLeg:
 
 
 def away_from_place(tool: ToolMotion, hand: HandTarget, share: float, model: CellModel) -> Array:
-    """Compute the distance (n,), m, of a tool from its place of work: horizontally from the line of its pull, or vertically.
+    """Compute the distance (n,), m, of a tool from its place of work: horizontally from the line of
+    its pull, or vertically.
 
     The greater of the two is returned; the line runs from the grasp to the put-down point on the
     table.
@@ -186,7 +189,8 @@ def tool_legs(
         if len(times) - len(leg.times) > left:
             found.fail(
                 "contact",
-                f"the motion of the tools during {leg.name} cannot be verified within {MOST_TIMES} configurations: its "
+                f"the motion of the tools during {leg.name} cannot be verified within {MOST_TIMES} "
+                "configurations: its "
                 "samples are too far apart",
                 float(leg.times[0]),
             )
@@ -201,7 +205,9 @@ def tool_legs(
 
 
 def _times(tool_leg: ToolLeg, floor: float) -> Array:
-    """Return a leg's samples, the ends of its contact window, and the times between that the bounds need, s."""
+    """Return a leg's samples, the ends of its contact window, and the times between that the bounds
+    need, s.
+    """
     leg = tool_leg.leg
     low, high = leg.contact or (np.inf, -np.inf)
     # An interval that contains an end of the window counts as working.

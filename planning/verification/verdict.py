@@ -1,4 +1,6 @@
-"""Result of a verification: every check with its margin, every violation, the clearance of every pair."""
+"""Result of a verification: every check with its margin, every violation, the clearance of every
+pair.
+"""
 
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -22,7 +24,7 @@ CHECKS = {
     "acceleration": "axis accelerations",
     "jerk": "axis jerks",
     "acceleration_jump": "jumps of acceleration between cubic pieces",
-    "turntable": "the turn-table has the plan's angle during contact, and does not move where it is fixed",
+    "turntable": "the turn-table has the plan's angle in contact, and is still where it is fixed",
     "clearance": "distances between bodies",
     "finger_table": "distance of the fingers from the working table",
     "contact": "in contact windows and at named poses the tools are at the place of work",
@@ -143,7 +145,8 @@ class Verdict:
 
     @property
     def smallest(self) -> PairClearance | None:
-        """The pair with the smallest distance, of all that must not touch; None if no such pair came near.
+        """The pair with the smallest distance, of all that must not touch; None if no such pair
+        came near.
 
         Pairs that are near by design are left out: fingers and working table, links of one arm,
         adjacent links.
@@ -215,7 +218,8 @@ class Verdict:
         near = f"no two bodies nearer than {1e3 * self.elsewhere:.0f} mm"
         if pair is not None:
             near = (
-                f"smallest clearance {1e3 * pair.distance:.1f} mm between {' and '.join(pair.bodies)} at "
+                f"smallest clearance {1e3 * pair.distance:.1f} mm between "
+                f"{' and '.join(pair.bodies)} at "
                 f"{pair.time:.3f} s (required {1e3 * pair.required:.0f} mm, at any time at least "
                 f"{1e3 * pair.bound:.1f} mm)"
             )
@@ -264,7 +268,8 @@ class Findings:
         where: str = "",
         time: float | None = None,
     ) -> None:
-        """Add a check and its worst value; of several of one name the one with the least margin is kept.
+        """Add a check and its worst value; of several of one name the one with the least margin is
+        kept.
 
         A check passes unless there is a violation of its kind.
         """

@@ -1,4 +1,4 @@
-"""The page on depth cameras says what was measured, and the committed figures meet the real ones."""
+"""The depth cameras' page states what was measured; the committed figures meet the real ones."""
 
 import json
 from pathlib import Path

@@ -35,7 +35,9 @@ def made_up(row: Row, actions: int, height: float = 0.003) -> dict[str, Any]:
 
 
 def board(monkeypatch: pytest.MonkeyPatch, better: str = "section") -> dict[str, Any]:
-    """The default needs 3 or 4 actions, pulls of the whole section 2 fewer, pulls of the paper alone 2 more and leave the last one unflat."""
+    """The default needs 3 or 4 actions, pulls of the whole section 2 fewer, pulls of the paper
+    alone 2 more and leave the last one unflat.
+    """
 
     def rows(name: str, wanted: Sequence[Row], progress: Any) -> list[dict[str, Any]]:
         assert name == "levers" and len({row.folder(name) for row in wanted}) == len(wanted)

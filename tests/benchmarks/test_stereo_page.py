@@ -1,4 +1,4 @@
-"""The stereo page says what was measured, met or not, and the committed figures meet the targets."""
+"""The stereo page states what was measured; the committed figures meet the targets."""
 
 import json
 from pathlib import Path

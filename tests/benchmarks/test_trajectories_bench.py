@@ -1,4 +1,6 @@
-"""The trajectories board: its set of paths, its judge, its methods and its yardstick can fail, and do not."""
+"""The trajectories board: its set of paths, its judge, its methods and its yardstick can fail, and
+do not.
+"""
 
 import dataclasses as dc
 import json
@@ -173,7 +175,9 @@ def test_toppras_law_starts_and_ends_at_rest_and_agrees_with_its_derivatives():
 
 
 def test_moveits_smoothing_stretches_what_ruckig_refuses():
-    """A target that is only reached from beyond the speed limit is refused until its velocity has been divided."""
+    """A target that is only reached from beyond the speed limit is refused until its velocity has
+    been divided.
+    """
     fast = LIMITS.velocity
     q = np.zeros((3, 13))
     q[1], q[2] = 0.1 * fast, 0.2 * fast

@@ -55,7 +55,9 @@ def test_the_default_is_the_published_rule_and_alike_wrinkles_stay_in_place() ->
 
 
 def test_a_pull_works_on_the_wrinkles_that_its_section_crosses() -> None:
-    """Two parallel wrinkles, and one beside them that no section of theirs crosses but whose own crosses neither."""
+    """Two parallel wrinkles, and one beside them that no section of theirs crosses but whose own
+    crosses neither.
+    """
     ridges = (
         Ridge((-0.05, -1.17), 0.0, 0.016, 0.010, 0.2),
         Ridge((-0.05, -1.03), 0.0, 0.014, 0.010, 0.2),

@@ -41,8 +41,10 @@ def stream_limits(limits: Limits) -> StreamLimits:
 
 @pytest.fixture(scope="session")
 def make_trajectory(stream_limits: StreamLimits) -> TrajectoryMaker:
-    """Rest-to-rest trajectories as they are sent, in float32 and whole ms: every axis moves by a few overlapping
-    quintics, as fast as the limits allow."""
+    """Rest-to-rest trajectories as sent, in float32 and whole ms.
+
+    Every axis moves by a few overlapping quintics, as fast as the limits allow.
+    """
 
     def make(seed: int = 0, reach: float = 0.6, start: np.ndarray | None = None) -> Trajectory:
         rng = np.random.default_rng(seed)
@@ -78,7 +80,8 @@ def make_trajectory(stream_limits: StreamLimits) -> TrajectoryMaker:
 
 
 class Rig:
-    """A driver and a virtual controller over TCP on loopback, polled in turn on one clock that the test moves.
+    """A driver and a virtual controller over TCP on loopback, polled in turn on one clock that the
+    test moves.
 
     Each turn lasts 4 ms; before the driver reads, all that the server has sent has arrived, and the
     other way round.

@@ -118,7 +118,9 @@ def test_calibrated_head(twin):
 
 
 def test_tool_centre_point_is_the_lowest_edge_when_tilted(cell, twin):
-    """With the tool tilted towards the table nothing of the gripper lies below the tool centre point."""
+    """With the tool tilted towards the table nothing of the gripper lies below the tool centre
+    point.
+    """
     plant, scene_graph = twin.plant, twin.diagram.scene_graph()
     X_WT = twin.pose("r1_gripper", "tcp", np.zeros(13))
     inspector = scene_graph.model_inspector()
@@ -221,7 +223,8 @@ def test_directives_that_do_not_parse_are_named(cell, tmp_path):
 def test_hash_covers_models_that_a_directives_file_of_the_user_names(cell, tmp_path):
     """Regression: the shape of an obstacle outside the package was not hashed."""
     sdf = (
-        "<sdf version='1.9'><model name='post'><link name='post'><collision name='c'><geometry><box>"
+        "<sdf version='1.9'><model name='post'><link name='post'><collision "
+        "name='c'><geometry><box>"
         "<size>0.1 0.1 {height}</size></box></geometry></collision></link></model></sdf>"
     )
     model = tmp_path / "post.sdf"

@@ -31,7 +31,9 @@ def planner(cell: Cell) -> FlatteningPlanner:
 
 @pytest.fixture(scope="session")
 def make_target() -> TargetMaker:
-    """Targets: centre (x, y), wrinkle direction phi from the robot's forward (-y), half distance, pull, contour errors."""
+    """Targets: centre (x, y), wrinkle direction phi from the robot's forward (-y), half distance,
+    pull, contour errors.
+    """
     from unwrinkle.benchmarks._plan_tasks import flattening_task
 
     def make(

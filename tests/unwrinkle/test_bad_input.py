@@ -218,7 +218,7 @@ def test_plan_files_that_cannot_be_trusted(run, towel_plan, command):
 
 
 def test_a_flat_garment_needs_no_plan_and_keeps_none(run):
-    """Regression: an earlier run's plan stayed beside the analysis of a garment that is flat now."""
+    """Regression: an earlier run's plan stayed beside the analysis of a flat garment."""
     rows, columns = np.mgrid[0:480, 0:640]
     flat = table() - 8.0 * ((np.abs(rows - 240) < 110) & (np.abs(columns - 320) < 110))
     Path("result").mkdir()

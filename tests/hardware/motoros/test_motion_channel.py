@@ -1,4 +1,6 @@
-"""The motion connection: one request under way, stops that wait for an answer and no longer, leaving within a bound."""
+"""The motion connection: one request under way, stops that wait for an answer and no longer,
+leaving within a bound.
+"""
 
 import select
 import socket

@@ -1,4 +1,4 @@
-"""The run log: what is written comes back, a cut last line is forgiven, any other damage is named."""
+"""The run log: what is written is read; a cut last line is tolerated, other damage is named."""
 
 import errno
 import json

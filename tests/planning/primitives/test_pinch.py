@@ -1,4 +1,6 @@
-"""Pinches from above: where the tips stand, that the arm gets there, and the reason when it does not."""
+"""Pinches from above: where the tips stand, that the arm gets there, and the reason when it does
+not.
+"""
 
 import numpy as np
 import pytest

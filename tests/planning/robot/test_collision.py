@@ -24,7 +24,7 @@ def transit(cell):
 
 
 def touching(kinematics, height: float):
-    """Both arms with their lower blades at a height above the working table, tilted by 45 degrees."""
+    """Both arms with their lower blades at a height above the table, tilted by 45 degrees."""
     from unwrinkle.planning.search.key_poses import tool_poses, tool_rotation
 
     q = np.zeros(13)
@@ -136,7 +136,9 @@ def test_reach_of_the_shipped_robot(cell):
 
 
 def test_reach_bounds_the_motion_of_every_point(cell):
-    """No point of a collision shape moves by more than the bound says, per axis, from random configurations."""
+    """No point of a collision shape moves by more than the bound says, per axis, from random
+    configurations.
+    """
     reach = axis_reach(cell)
     diagram = build_robot_diagram(cell)
     plant, scene_graph = diagram.plant(), diagram.scene_graph()

@@ -1,4 +1,6 @@
-"""Numeric kinematics: against the plant, round trips, Drake's solver, and the measured bounds of the reach."""
+"""Numeric kinematics: against the plant, round trips, Drake's solver, and the measured bounds of
+the reach.
+"""
 
 import numpy as np
 import pytest
@@ -101,7 +103,9 @@ def test_drakes_solver_finds_one_of_our_branches(cell, kinematics):
     [(0, 45, -0.93), (0, 75, -1.16), (30, 45, -1.13), (30, 75, -1.36), (60, 60, -1.38)],
 )
 def test_reach_of_the_far_hand(kinematics, make_target, turn, tilt, farthest):
-    """Farthest contact point of a gripper that points straight back to the robot, as measured for the cell."""
+    """Farthest contact point of a gripper that points straight back to the robot, as measured for
+    the cell.
+    """
 
     def reachable(y: float) -> bool:
         target = make_target((0.0, y + 0.24), np.pi / 2, 0.24, 0.0)

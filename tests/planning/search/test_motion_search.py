@@ -1,4 +1,6 @@
-"""Search and planner: freedoms that are needed, single-arm fallback, reasons of failure, start states."""
+"""Search and planner: freedoms that are needed, single-arm fallback, reasons of failure, start
+states.
+"""
 
 import dataclasses as dc
 
@@ -47,7 +49,9 @@ def test_every_direction_is_planned_with_both_arms(planner, make_target, phi, y)
 
 
 def test_lateral_wrinkle_needs_the_turn_table(cell, make_target):
-    """Measured for the cell: phi 90 deg at (0, -1.2) has no plan with the turn-table at 0 and tilts to 75 deg."""
+    """Measured for the cell: phi 90 deg at (0, -1.2) has no plan with the turn-table at 0 and tilts
+    to 75 deg.
+    """
     target = make_target((0.0, -1.2), np.pi / 2)
     fixed = FlatteningPlanner(cell, narrow(tilts=(45, 60, 30, 75), turntable=(0,), offsets=(0,)))
     result = fixed.plan(target, arms="dual")

@@ -25,7 +25,9 @@ PERIOD = 0.016
 def remade(
     plan: FlatteningPlan, kinematics: Kinematics, changes: dict[int, Change], slower: float = SLOWER
 ) -> FlatteningPlan:
-    """The plan with the tools' poses in some segments changed, all of it slower, on one clock again."""
+    """The plan with the tools' poses in some segments changed, all of it slower, on one clock
+    again.
+    """
     segments, events, clock = [], [], 0.0
     for i, old in enumerate(plan.segments):
         change = changes.get(i)

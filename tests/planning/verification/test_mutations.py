@@ -322,7 +322,7 @@ def test_faster_than_the_cell_allows(plan: FlatteningPlan, cell: Cell) -> None:
 
 @pytest.mark.parametrize("index", [0, 1, 2])
 def test_finger_below_the_table(plan: FlatteningPlan, cell: Cell, index: int) -> None:
-    """The right arm leans forward by a hundredth of a radian, which lowers its tip by about 10 mm."""
+    """The right arm leans forward by 0.01 rad, which lowers its tip by about 10 mm."""
     positions = plan.segments[index].trajectory.positions.copy()
     positions[:, 2] += 0.01
     verdict = verify(samples(plan, index, positions=positions), cell)

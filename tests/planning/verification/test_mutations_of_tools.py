@@ -159,7 +159,7 @@ def test_one_hand_up(
 def pulled(
     plan: FlatteningPlan, kinematics: Kinematics, length: float, share: float
 ) -> FlatteningPlan:
-    """The single-arm plan with its hand pulled further by a length, m, and another share claimed."""
+    """The single-arm plan, its hand pulled further by a length, m, with another share claimed."""
     arm = next(i for i, choice in enumerate(plan.arms) if choice is not None)
     choice = plan.arms[arm]
     assert choice is not None
@@ -408,7 +408,9 @@ def test_limits_that_only_rounding_breaks(plan: FlatteningPlan, cell: Cell) -> N
 
 
 def test_a_slower_motion_off_the_milliseconds_passes(plan: FlatteningPlan, cell: Cell) -> None:
-    """1.3 times slower: points at 10.4 ms, which the controller gets at whole ones, with the positions of those."""
+    """1.3 times slower: points at 10.4 ms, which the controller gets at whole ones, with the
+    positions of those.
+    """
     segments, events, clock = [], [], 0.0
     for i, old in enumerate(plan.segments):
         t = old.trajectory
@@ -607,7 +609,7 @@ def test_a_motion_that_wanders_without_end_is_given_up(plan: FlatteningPlan, cel
 
 
 def test_numbers_of_another_robot(plan: FlatteningPlan, cell: Cell) -> None:
-    """A Denavit-Hartenberg length off by 20 mm, the model files as they are, and the hash forged."""
+    """A Denavit-Hartenberg length off by 20 mm, unchanged model files, and a forged hash."""
     rows = list(cell.robot.denavit_hartenberg)
     rows[1] = dc.replace(rows[1], a=rows[1].a + 0.020)
     other = dc.replace(cell, robot=dc.replace(cell.robot, denavit_hartenberg=rows))

@@ -1,4 +1,6 @@
-"""The controller's rules: the path is never left, holds come to rest, the override keeps limits, refusals."""
+"""The controller's rules: the path is never left, holds come to rest, the override keeps limits,
+refusals.
+"""
 
 import dataclasses as dc
 

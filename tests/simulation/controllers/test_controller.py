@@ -260,7 +260,8 @@ def test_it_follows_the_cubics_between_the_points(period: float) -> None:
 
 
 class Reference:
-    """What becomes of one axis' points, by a reading of the firmware that knows nothing of the virtual controller.
+    """What becomes of one axis' points, by a reading of the firmware that knows nothing of the
+    virtual controller.
 
     Times are whole ms. A point becomes increments that end on a grid of the clock's periods, begun
     by the first point, and at the point itself. One cycle runs one increment, and with it those

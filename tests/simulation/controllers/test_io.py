@@ -1,4 +1,6 @@
-"""The virtual controller's servos, inputs and outputs, unknown messages, and settings that cannot be."""
+"""The virtual controller's servos, inputs and outputs, unknown messages, and settings that cannot
+be.
+"""
 
 import dataclasses as dc
 

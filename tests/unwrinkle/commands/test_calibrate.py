@@ -63,7 +63,9 @@ def _truth() -> StereoHead:
 
 @pytest.fixture(scope="module")
 def photographs(tmp_path_factory: pytest.TempPathFactory, draw_board: Draw) -> Path:
-    """Return a folder with pairs of a moved calibration board, looks at a fixed one, and looks.yaml."""
+    """Return a folder with pairs of a moved calibration board, looks at a fixed one, and
+    looks.yaml.
+    """
     folder = tmp_path_factory.mktemp("head")
     rng, head = np.random.default_rng(2), _truth()
     margin = BOARD.square * np.array([[-1, -1], [-1, 5], [6, -1], [6, 5]])

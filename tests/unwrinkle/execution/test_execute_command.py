@@ -1,4 +1,6 @@
-"""`unwrinkle execute` as a user runs it, in real time, against a virtual controller in another process."""
+"""`unwrinkle execute` as a user runs it, in real time, against a virtual controller in another
+process.
+"""
 
 import dataclasses as dc
 import json

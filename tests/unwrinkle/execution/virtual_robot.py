@@ -1,4 +1,5 @@
-"""A virtual controller with digital grippers in a process of its own; run by the tests, not imported.
+"""A virtual controller with digital grippers in a process of its own; run by the tests, not
+imported.
 
 Prints its ports, takes words on standard input (e_stop, end), and prints at the end what it was
 told, as JSON.

@@ -1,4 +1,6 @@
-"""Every fault that the virtual controller's server commits does what its name says, and nothing else."""
+"""Every fault that the virtual controller's server commits does what its name says, and nothing
+else.
+"""
 
 import os
 import socket
