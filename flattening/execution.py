@@ -74,8 +74,7 @@ class Execution:
         return fault(
             now,
             f"{step.name} was not sent: axis {axis} is {apart[axis]:.5f} rad off its start, at "
-            "most "
-            f"{self._settings.start:g} are allowed, or the arms did not come to rest within "
+            f"most {self._settings.start:g} are allowed, or the arms did not come to rest within "
             f"{self._settings.rest:g} s",
             feedback,
         )

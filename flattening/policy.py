@@ -192,8 +192,7 @@ def after_blind_look(
         return state, Stop(
             True,
             f"flat as far as this sensor sees: nothing stands {1e3 * unseen:.1f} mm above the "
-            "table "
-            "any more",
+            "table any more",
         )
     return state, Stop(False, f"nothing usable seen in {state.blind} looks: {reason}")
 
@@ -213,8 +212,7 @@ def decide(
         return Stop(
             False,
             f"{features.along_edge:.0%} of the garment's outline runs along the table's edge, at "
-            "most "
-            f"{rules.most_along_edge:.0%} may; it hangs over, lay it back",
+            f"most {rules.most_along_edge:.0%} may; it hangs over, lay it back",
         )
     if not worth:
         pull = max((wrinkle.pull for wrinkle in features.wrinkles), default=0.0)

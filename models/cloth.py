@@ -111,8 +111,8 @@ def load_material(name_or_path: str | Path) -> ClothMaterial:
     if path.suffix not in {".yaml", ".yml"}:
         if str(name_or_path) not in material_names():
             raise InputError(
-                f"no cloth is called {str(name_or_path)!r}; "
-                f"try one of {', '.join(material_names())}, or a path to a .yaml file"
+                f"no cloth is called {str(name_or_path)!r}; try one of "
+                f"{', '.join(material_names())}, or a path to a .yaml file"
             )
         path = models_dir() / "cloths" / f"{name_or_path}.yaml"
     material = load_yaml(path, ClothMaterial)

@@ -175,8 +175,7 @@ class Cell:
         if min(abs(R_WS[0, 0]), R_WS[2, 2]) < 1.0 - _ALONG_AXES:
             raise InputError(
                 f"scenario: the table frame {self.scenario.table.frame} is turned; perception and "
-                "simulation need a level table "
-                "with its sides along the world's x and y"
+                "simulation need a level table with its sides along the world's x and y"
             )
         x, y, height = (float(value) for value in self.table_pose[:3, 3])
         across, along = self.scenario.table.size

@@ -194,14 +194,27 @@ class Site:
         Raises:
             InputError: naming the key and what to give.
         """
+        self._validate_choices()
+        self._validate_groups()
+        self._validate_numbers()
+        self._validate_controller()
+        g = self.grippers
+        if not 0.0 < self.speed <= 1.0:
+            raise InputError(f"site: speed is {self.speed:g}; give a fraction above 0, up to 1")
+        for name in ("close_output", "closed_input", "holding_input", "inverted", "limbs"):
+            if len(getattr(g, name)) != 2:
+                raise InputError(f"site: grippers.{name} needs two values, right and left")
+        if self.calibration_days < 1 or not self.calibration_residual > 0.0:
+            raise InputError("site: calibration_days and calibration_residual must be positive")
+
+    def _validate_choices(self) -> None:
         c, g = self.controller, self.grippers
         if c.profile == "clopema13":
             raise InputError(
                 "site: controller.profile 'clopema13' (one message of 13 joints, CloPeMa's public "
-                "firmware of 2014) is not "
-                "supported: that firmware answers success although a group was still busy and its "
-                "point was lost, so that "
-                "the arms may part; install a MotoROS with control groups, and use 'ex' or 'groups'"
+                "firmware of 2014) is not supported: that firmware answers success although a "
+                "group was still busy and its point was lost, so that the arms may part; install "
+                "a MotoROS with control groups, and use 'ex' or 'groups'"
             )
         for what, value, known in (
             ("controller.profile", c.profile, PROFILES),
@@ -212,6 +225,9 @@ class Site:
         ):
             if value not in known:
                 raise InputError(f"site: {what} '{value}' is unknown; known: {', '.join(known)}")
+
+    def _validate_groups(self) -> None:
+        c = self.controller
         if sorted(c.groups) != sorted(GROUPS):
             raise InputError(
                 f"site: controller.groups must name {', '.join(GROUPS)} once each, got {c.groups}"
@@ -222,11 +238,28 @@ class Site:
                 f"site: controller.groups_moved must name some of {', '.join(GROUPS)}, each once, "
                 f"got {moved}"
             )
+
+    def _validate_numbers(self) -> None:
+        c, g = self.controller, self.grippers
+        for part, label in (
+            (c, "controller"),
+            (g, "grippers"),
+            (self.pan_tilt, "pan_tilt"),
+            (self.cameras, "cameras"),
+        ):
+            for item in dc.fields(part):
+                value = getattr(part, item.name)
+                if isinstance(value, float) and not (isfinite(value) and value >= 0.0):
+                    raise InputError(
+                        f"site: {label}.{item.name} is {value}; give a number of 0 or more"
+                    )
+
+    def _validate_controller(self) -> None:
+        c = self.controller
         if not c.latency <= LONGEST_LATENCY:
             raise InputError(
                 f"site: controller.latency is {c.latency:g} s; give at most {LONGEST_LATENCY:g} s, "
-                "a longer one would "
-                "hide an axis that stands still"
+                "a longer one would hide an axis that stands still"
             )
         if not 0.0 < c.speed_cap <= 1.0:
             raise InputError(
@@ -249,33 +282,13 @@ class Site:
         for name in ("motion_port", "state_port", "io_port"):
             if not 0 < getattr(c, name) < 65536:
                 raise InputError(f"site: controller.{name} is {getattr(c, name)}; give 1 to 65535")
-        for part, label in (
-            (c, "controller"),
-            (g, "grippers"),
-            (self.pan_tilt, "pan_tilt"),
-            (self.cameras, "cameras"),
-        ):
-            for item in dc.fields(part):
-                value = getattr(part, item.name)
-                if isinstance(value, float) and not (isfinite(value) and value >= 0.0):
-                    raise InputError(
-                        f"site: {label}.{item.name} is {value}; give a number of 0 or more"
-                    )
         if not 2.0 * c.feedback_period <= c.hold_after < c.fault_after:
             raise InputError(
                 "site: controller.hold_after must be at least two feedback periods and below "
-                "fault_after, got "
-                f"{c.hold_after:g} and {c.fault_after:g} s"
+                f"fault_after, got {c.hold_after:g} and {c.fault_after:g} s"
             )
         if not 0.04 <= c.lead <= 0.5:
             raise InputError(f"site: controller.lead is {c.lead:g} s; give 0.04 to 0.5")
-        if not 0.0 < self.speed <= 1.0:
-            raise InputError(f"site: speed is {self.speed:g}; give a fraction above 0, up to 1")
-        for name in ("close_output", "closed_input", "holding_input", "inverted", "limbs"):
-            if len(getattr(g, name)) != 2:
-                raise InputError(f"site: grippers.{name} needs two values, right and left")
-        if self.calibration_days < 1 or not self.calibration_residual > 0.0:
-            raise InputError("site: calibration_days and calibration_residual must be positive")
 
 
 def load_site(path: str | Path) -> Site:

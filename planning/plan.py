@@ -223,8 +223,7 @@ class FlatteningPlan:
         if header.get("version") != VERSION:
             raise InputError(
                 f"{path}: plan version {header.get('version')}, this program reads version "
-                f"{VERSION};"
-                " plan again"
+                f"{VERSION}; plan again"
             )
         try:
             plan = _from_parts(header, arrays)
@@ -233,8 +232,7 @@ class FlatteningPlan:
         if plan.content_hash != header.get("content_hash"):
             raise InputError(
                 f"{path}: the content does not match its hash "
-                f"{str(header.get('content_hash'))[:12]}:"
-                " it was changed after planning; plan again"
+                f"{str(header.get('content_hash'))[:12]}: it was changed after planning; plan again"
             )
         return plan
 

@@ -751,8 +751,8 @@ class ControllerDriver:
             if moving:
                 text = (
                     f"{text}; a stop of all groups is sent before the connection is closed, "
-                    "whether it is carried out is "
-                    "not known: `unwrinkle site check` tells whether motion is left in the queues"
+                    "whether it is carried out is not known: `unwrinkle site check` tells whether "
+                    "motion is left in the queues"
                 )
         else:
             if moving and self._state == FAULT:

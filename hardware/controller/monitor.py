@@ -87,8 +87,8 @@ class Monitor:
         return Finding(
             FaultCause.LATE,
             f"the driver was polled late {self.late} times (by more than "
-            f"{1e3 * self._site.late:.0f} ms), at most "
-            f"{self._site.late_budget}; is this machine too busy?",
+            f"{1e3 * self._site.late:.0f} ms), at most {self._site.late_budget}; is this machine "
+            "too busy?",
             brake=True,
         )
 

@@ -214,8 +214,8 @@ class CanGrippers(GripperPair):
         if moves or not there:
             word = "closed" if closed else "open"
             return (
-                f"the {side} gripper is not {word}: "
-                f"it stands at {position / 100:g} % of its closure"
+                f"the {side} gripper is not {word}: it stands at {position / 100:g} % of its "
+                "closure"
             )
         return ""
 

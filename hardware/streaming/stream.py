@@ -222,8 +222,8 @@ class PointStream:
             if now - self._first_sent > self._site.busy_limit:
                 self.problem = (
                     f"the controller has been busy with point {asked.sequence} (group "
-                    f"{asked.group}) for "
-                    f"{now - self._first_sent:.2f} s, at most {self._site.busy_limit:g} s"
+                    f"{asked.group}) for {now - self._first_sent:.2f} s, at most "
+                    f"{self._site.busy_limit:g} s"
                 )
             self._again[asked.group] = now + self._site.busy_retry
             self._busy = True

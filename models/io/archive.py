@@ -144,8 +144,7 @@ def _members(
         if total > most_bytes or (name == _HEADER and item.file_size > MOST_HEADER):
             raise InputError(
                 f"{path}: holds {total / 1e6:.0f} MB or more, at most {most_bytes / 1e6:.0f} MB "
-                "are read; the "
-                "file is of another kind, or damaged"
+                "are read; the file is of another kind, or damaged"
             )
     return {name: _array(archive, item) for name, item in chosen.items()}
 

@@ -323,8 +323,7 @@ def _refined(
     if moved > _MAX_SHIFT_FRACTION * side:
         return (
             f"a corner moved by {moved:.1f} px in the refinement, more than "
-            f"{_MAX_SHIFT_FRACTION:.0%} of a "
-            f"square of {side:.0f} px; is the image sharp?"
+            f"{_MAX_SHIFT_FRACTION:.0%} of a square of {side:.0f} px; is the image sharp?"
         )
     return corners
 

@@ -102,8 +102,7 @@ def solve_hand_eye(
         raise InputError(
             f"{name}: methods disagree with Tsai's ({apart}; at most "
             f"{np.degrees(_MAX_DISAGREEMENT_RAD):.1f} degrees and {1e3 * _MAX_DISAGREEMENT_M:.0f} "
-            "mm); "
-            "the angles or poses may not belong to the images, or turn the mount more"
+            "mm); the angles or poses may not belong to the images, or turn the mount more"
         )
     boards = [M @ X_MC @ T for M, T in zip(X_BM, X_CT, strict=True)]
     X_BT = mean_pose(boards)

@@ -377,8 +377,7 @@ def _check_mounts(fit: Adjustment) -> None:
                 f"hand-eye calibration: the looks leave the {_EYES[eye]} camera's place on its "
                 f"mount open by {np.degrees(turn):.3f} degrees and {1e3 * shift:.2f} mm, wanted "
                 f"{np.degrees(_MAX_MOUNT_SIGMA_RAD):.2f} and {1e3 * _MAX_MOUNT_SIGMA_M:.0f}; take "
-                "more "
-                "looks, turned further"
+                "more looks, turned further"
             )
 
 

@@ -97,9 +97,8 @@ def fit_table(
         on = (height > -3.0 * band) & (height < band)
         if np.count_nonzero(on) < _MIN_TABLE_FRACTION * rows.size:
             raise InsufficientViewError(
-                f"{name}: no table plane found (only "
-                f"{np.count_nonzero(on) / rows.size:.0%} of the readings agree on one); "
-                "show more of a flat table around the garment"
+                f"{name}: no table plane found (only {np.count_nonzero(on) / rows.size:.0%} of the "
+                "readings agree on one); show more of a flat table around the garment"
             )
         plane = np.asarray(np.linalg.lstsq(rays[on], inverse[on], rcond=None)[0], dtype=float)
     length = float(np.linalg.norm(plane))

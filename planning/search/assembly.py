@@ -80,8 +80,7 @@ class MotionTiming:
         return PathTimingError(
             limit,
             f"makes it take {piece.duration:.3g} s, at most {self._settings.longest:.3g} s are "
-            "allowed; check "
-            "the limits and the speed",
+            "allowed; check the limits and the speed",
             index,
         )
 

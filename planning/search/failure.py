@@ -38,8 +38,8 @@ def off_table(target: FlatteningTarget, cell: Cell) -> PlanFailure | None:
                 return PlanFailure(
                     "off-table",
                     f"the {what} ({x:.3f}, {y:.3f}) m lies {1e3 * beyond:.0f} mm beyond the edge "
-                    "of the working "
-                    f"table; move the garment by that much towards the table's middle",
+                    "of the working table; move the garment by that much towards the table's "
+                    "middle",
                     beyond,
                 )
     return None
@@ -59,8 +59,7 @@ def explain(kind: str, log: SearchLog, target: FlatteningTarget, cell: Cell) -> 
         return PlanFailure(
             "transit",
             f"{head}none of {log.refused} free motions has a free transit from the start and back "
-            "home; "
-            "clear the surroundings of the table or allow a longer transit budget",
+            "home; clear the surroundings of the table or allow a longer transit budget",
         )
     hand = log.missing_hand
     if hand is not None and math.isfinite(log.missing):
@@ -70,8 +69,7 @@ def explain(kind: str, log: SearchLog, target: FlatteningTarget, cell: Cell) -> 
             "far-reach",
             f"{head}the {arm} arm lacks {1e3 * log.missing:.0f} mm of reach to the grasp point "
             f"({x:.2f}, {y:.2f}) at its best (tilt {np.degrees(hand.freedom.tilt):.0f} deg, "
-            "turn-table "
-            f"{np.degrees(hand.turntable):.0f} deg); {_mend(log.missing, y)}",
+            f"turn-table {np.degrees(hand.turntable):.0f} deg); {_mend(log.missing, y)}",
             log.missing,
         )
     if log.in_collision:

@@ -301,8 +301,7 @@ class _Attempt:
             return PlanFailure(
                 "verification",
                 f"no {kind}-arm motion: {len(self._refusals)} plans did not pass the verification; "
-                "the "
-                f"first: {self._refusals[0]}",
+                f"the first: {self._refusals[0]}",
             )
         return None
 

@@ -74,8 +74,7 @@ def sample_within(motion: Timed, period: float, limits: Limits) -> Samples:
         slower = duration / motion.duration
     raise NoSafePlanError(
         f"positions sent as float32 every {MILLISECONDS * period:.0f} ms break the limits by "
-        "rounding alone; "
-        "raise the speed, or the sample time of the planner's settings"
+        "rounding alone; raise the speed, or the sample time of the planner's settings"
     )
 
 

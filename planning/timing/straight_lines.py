@@ -96,8 +96,7 @@ def time_line(
     if not line.duration <= longest:
         raise NoSafePlanError(
             f"a transit would take {line.duration:.0f} s, at most {longest:.0f} s are allowed; "
-            "check "
-            "the limits and the speed"
+            "check the limits and the speed"
         )
     return *sample_within(line, period, limits), line.duration
 

@@ -114,8 +114,7 @@ def check_clearances(
         found.fail(
             "clearance",
             f"the distances between bodies cannot be verified within {MOST_BOUNDED} bounds and "
-            f"{MOST_MEASURED} measured "
-            f"distances; that was used up at {reached.time:.3f} s",
+            f"{MOST_MEASURED} measured distances; that was used up at {reached.time:.3f} s",
             reached.time,
         )
         return ClearanceReport((), 0.0, search.queries)
@@ -335,8 +334,7 @@ class _Search:
                 found.fail(
                     check,
                     f"the distance of {' and '.join(pair.names)} cannot be bounded well enough "
-                    f"between {begin:.4f} and "
-                    f"{end:.4f} s",
+                    f"between {begin:.4f} and {end:.4f} s",
                     begin,
                 )
             if np.isfinite(self._nearest[i]):
@@ -380,8 +378,8 @@ def _broken(pair: BodyPair, distance: float, padding: float, time: float) -> str
         )
     return (
         f"{names} are {1e3 * distance:.2f} mm apart at {time:.3f} s, "
-        f"{1e3 * (padding - distance):.2f} mm less "
-        f"than the {1e3 * padding:.0f} mm required ({pair.kind})"
+        f"{1e3 * (padding - distance):.2f} mm less than the {1e3 * padding:.0f} mm required "
+        f"({pair.kind})"
     )
 
 

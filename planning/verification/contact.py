@@ -78,8 +78,8 @@ def _check_window(leg: ToolLeg, away: Array, arm: int, found: Findings) -> None:
         found.fail(
             "contact",
             f"the contact window of {leg.leg.name} holds a time ({time:.3f} s) at which the "
-            f"{ARMS[arm]} tool is "
-            f"{worst:.3f} m from its place on the table, at most {REACH:g} m are allowed",
+            f"{ARMS[arm]} tool is {worst:.3f} m from its place on the table, at most {REACH:g} m "
+            "are allowed",
             time,
         )
     found.check("contact", worst, REACH, REACH - worst, "m", f"{ARMS[arm]} tool", time)
@@ -120,8 +120,8 @@ def _check_speeds(leg: ToolLeg, cell: Cell, model: CellModel, arm: int, found: F
             found.fail(
                 kind,
                 f"the {ARMS[arm]} tool {what} up to {worst:.3f} m/s at {time:.3f} s of "
-                f"{leg.leg.name}, nearer to it "
-                f"than {1e3 * settings.near_table:.0f} mm; at most {limit:g} m/s are allowed",
+                f"{leg.leg.name}, nearer to it than {1e3 * settings.near_table:.0f} mm; at most "
+                f"{limit:g} m/s are allowed",
                 time,
             )
         found.check(kind, worst, limit, limit - worst, "m/s", f"{ARMS[arm]} tool", time)

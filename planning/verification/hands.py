@@ -83,8 +83,8 @@ def _check_speed(holding: Sequence[ToolLeg], limit: float, found: Findings) -> N
                 found.fail(
                     "tip_speed",
                     f"the {name} gripper's tip moves at up to {worst:.4f} m/s at {time:.3f} s of "
-                    f"{leg.leg.name} while "
-                    f"cloth is held, {worst - limit:.4f} m/s more than the limit {limit:g} m/s",
+                    f"{leg.leg.name} while cloth is held, {worst - limit:.4f} m/s more than the "
+                    f"limit {limit:g} m/s",
                     time,
                 )
             found.check("tip_speed", worst, limit, limit - worst, "m/s", f"{name} tip", time)
@@ -100,9 +100,8 @@ def _check_stretch(leg: ToolLeg, limit: float, found: Findings) -> None:
         found.fail(
             "stretch",
             f"the grippers are up to {worst:.4f} m apart at {time:.3f} s, "
-            f"{1e3 * (worst - limit):.1f} mm more "
-            f"than the {limit:.4f} m that the cloth between them allows ({STRETCH_LIMIT} x its "
-            "length)",
+            f"{1e3 * (worst - limit):.1f} mm more than the {limit:.4f} m that the cloth between "
+            f"them allows ({STRETCH_LIMIT} x its length)",
             time,
         )
     found.check("stretch", worst, limit, limit - worst, "m", "between the grippers", time)
@@ -113,8 +112,8 @@ def _check_stretch(leg: ToolLeg, limit: float, found: Findings) -> None:
         found.fail(
             "slack",
             f"the distance of the holding grippers has decreased by {1e3 * worst:.1f} mm at "
-            f"{time:.3f} s, "
-            f"{1e3 * (worst - SLACK):.1f} mm more than the {1e3 * SLACK:.0f} mm allowed",
+            f"{time:.3f} s, {1e3 * (worst - SLACK):.1f} mm more than the {1e3 * SLACK:.0f} mm "
+            "allowed",
             time,
         )
     found.check("slack", worst, SLACK, SLACK - worst, "m", "between the grippers", time)
@@ -159,8 +158,7 @@ class _Work:
             found.fail(
                 kind,
                 f"{what}, {1e3 * height:.1f} mm above the working table, where 0 to "
-                f"{1e3 * HEIGHTS[1]:.0f} mm is "
-                "needed",
+                f"{1e3 * HEIGHTS[1]:.0f} mm is needed",
                 time,
             )
         for point, x in ((kind.replace("_", "-"), place), ("tip", p[:2])):
@@ -175,8 +173,7 @@ class _Work:
             found.fail(
                 "table",
                 f"{what} is at ({place[0]:.3f}, {place[1]:.3f}) m at {time:.3f} s, "
-                f"{1e3 * beyond:.0f} mm beyond the "
-                "edge of the working table",
+                f"{1e3 * beyond:.0f} mm beyond the edge of the working table",
                 time,
             )
         found.check("table", beyond, allowed, allowed - beyond, "m", f"{self._name} gripper", time)
@@ -194,8 +191,8 @@ class _Work:
             found.fail(
                 "pull",
                 f"the {self._name} gripper is {1e3 * worst:.1f} mm off the line of its pull at "
-                f"{time:.3f} s, at most "
-                f"{1e3 * LINE_TOLERANCE:.0f} mm are allowed while cloth is held",
+                f"{time:.3f} s, at most {1e3 * LINE_TOLERANCE:.0f} mm are allowed while cloth is "
+                "held",
                 time,
             )
         margin = LINE_TOLERANCE - worst
@@ -207,8 +204,7 @@ class _Work:
             found.fail(
                 "pull",
                 f"the {self._name} gripper holds cloth up to {1e3 * worst:.0f} mm above the "
-                "working table at "
-                f"{time:.3f} s, at most {1e3 * self._height:.0f} mm are allowed",
+                f"working table at {time:.3f} s, at most {1e3 * self._height:.0f} mm are allowed",
                 time,
             )
         back = np.maximum.accumulate(along) - along
@@ -218,8 +214,7 @@ class _Work:
             found.fail(
                 "slack",
                 f"the {self._name} gripper has moved back along its pull by {1e3 * worst:.1f} mm "
-                f"at {time:.3f} s, at most "
-                f"{1e3 * SLACK:.0f} mm are allowed",
+                f"at {time:.3f} s, at most {1e3 * SLACK:.0f} mm are allowed",
                 time,
             )
         found.check("slack", worst, SLACK, SLACK - worst, "m", f"{self._name} tip", time)
@@ -236,10 +231,9 @@ class _Work:
             found.fail(
                 "stretch",
                 f"the {self._name} gripper is {worst:.4f} m from the other hand's grasp point at "
-                f"{time:.3f} s, "
-                f"{1e3 * (worst - self._limit):.1f} mm more than the {self._limit:.4f} m that the "
-                "cloth between them "
-                f"allows ({STRETCH_LIMIT} x its length)",
+                f"{time:.3f} s, {1e3 * (worst - self._limit):.1f} mm more than the "
+                f"{self._limit:.4f} m that the cloth between them allows ({STRETCH_LIMIT} x its "
+                "length)",
                 time,
             )
         where = f"{self._name} tip to the other grasp point"

@@ -51,8 +51,7 @@ def check_kinematics(
         found.fail(
             "kinematics",
             f"robot.yaml and the model files give positions of the {where} {1e3 * worst:.2f} mm "
-            f"apart at {when:.3f} s (axes up to "
-            f"{turned:.2g} rad): they describe different robots",
+            f"apart at {when:.3f} s (axes up to {turned:.2g} rad): they describe different robots",
             when,
         )
     found.check(

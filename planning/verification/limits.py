@@ -79,8 +79,7 @@ def _check_positions(
             found.fail(
                 "position",
                 f"{name} reaches {value:.4f} rad at {time:.3f} s, beyond its limit {limit:.4f} rad "
-                "by "
-                f"{-margin:.2g} rad",
+                f"by {-margin:.2g} rad",
                 time,
             )
         worst = min(worst, nearest)

@@ -242,8 +242,7 @@ class CellModel:
             if frozenset(pair) not in near:
                 raise InputError(
                     f"the robot's description exempts {' and '.join(pair)} from a clearance; only "
-                    "a link and what carries "
-                    "its joint may be exempt"
+                    "a link and what carries its joint may be exempt"
                 )
 
     def _corners(self, shapes: list[int]) -> Array:

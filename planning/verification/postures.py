@@ -89,8 +89,7 @@ def _check_arm(
             found.fail(
                 "tilt",
                 f"the {name} tool is {np.degrees(worst):.1f} degrees below the horizontal at "
-                f"{time:.3f} s of "
-                f"{leg.leg.name}, outside {np.degrees(window.tilt_lower):.0f} to "
+                f"{time:.3f} s of {leg.leg.name}, outside {np.degrees(window.tilt_lower):.0f} to "
                 f"{np.degrees(window.tilt_upper):.0f} degrees",
                 time,
             )
@@ -110,8 +109,8 @@ def _check_arm(
             found.fail(
                 kind,
                 f"the {name} tool is {np.degrees(shown):.1f} degrees off the stated {what} at "
-                f"{time:.3f} s of "
-                f"{leg.leg.name}, about {np.degrees(POSTURE_TOLERANCE):.1f} are allowed",
+                f"{time:.3f} s of {leg.leg.name}, about {np.degrees(POSTURE_TOLERANCE):.1f} are "
+                "allowed",
                 time,
             )
         if kind != "tilt":
@@ -180,8 +179,7 @@ def _check_turntable(
         found.fail(
             "turntable",
             f"the turn-table is {worst:.4f} rad off the stated {plan.turntable:.4f} rad at "
-            f"{time:.3f} s of "
-            f"{leg.leg.name}, at most {TURNTABLE_TOLERANCE:g} rad are allowed",
+            f"{time:.3f} s of {leg.leg.name}, at most {TURNTABLE_TOLERANCE:g} rad are allowed",
             time,
         )
     margin = TURNTABLE_TOLERANCE - worst

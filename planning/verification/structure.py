@@ -89,8 +89,7 @@ def check_numbers(plan: FlatteningPlan, found: Findings) -> None:
         found.fail(
             "numbers",
             f"the plan has {counts[0]} segments with up to {max(counts[2:], default=0)} poses, and "
-            f"{counts[1]} events; "
-            f"at most {MOST_PARTS} of each are read",
+            f"{counts[1]} events; at most {MOST_PARTS} of each are read",
         )
         return
     numbers: list[tuple[str, float]] = [("speed", plan.speed), ("turntable", plan.turntable)]
@@ -151,8 +150,7 @@ def check_choice(plan: FlatteningPlan, found: Findings) -> None:
         found.fail(
             "choice",
             f"the arms pull {together:g} times a hand's distance together, at most {allowed:g} is "
-            "allowed for "
-            f"{len(shares)} arm{'s' if len(shares) != 1 else ''}",
+            f"allowed for {len(shares)} arm{'s' if len(shares) != 1 else ''}",
         )
     found.check(
         "choice", together, allowed, allowed - together, "", "pull of all arms, of a hand's"
@@ -205,8 +203,7 @@ def check_structure(plan: FlatteningPlan, found: Findings) -> None:
             found.fail(
                 "structure",
                 f"{segment.name} starts at {segment.start:.4f} s, before the segment before it "
-                "ends "
-                f"({end:.4f} s)",
+                f"ends ({end:.4f} s)",
                 segment.start,
             )
         end = segment.end
@@ -236,8 +233,7 @@ def _check_contact(plan: FlatteningPlan, name: str, found: Findings) -> None:
         found.fail(
             "structure",
             f"the contact window of {name} is {begin:.3f} to {end:.3f} s, not within "
-            f"{earliest:.3f} to "
-            f"{latest:.3f} s (plan pose to leave pose)",
+            f"{earliest:.3f} to {latest:.3f} s (plan pose to leave pose)",
             segment.start + begin,
         )
 
@@ -326,8 +322,7 @@ def check_grippers(plan: FlatteningPlan, cell: Cell, found: Findings) -> None:
             found.fail(
                 "gripper",
                 f"the event at {event.time:.3f} s makes the grippers {_words(event.closed)}, "
-                "expected "
-                f"{_words(states)}",
+                f"expected {_words(states)}",
                 event.time,
             )
         done = event.time + event.dwell
@@ -335,8 +330,7 @@ def check_grippers(plan: FlatteningPlan, cell: Cell, found: Findings) -> None:
             found.fail(
                 "gripper",
                 f"the grippers change from {event.time:.3f} to {done:.3f} s, while the arms rest "
-                "only from "
-                f"{before.end:.3f} to {after.start:.3f} s",
+                f"only from {before.end:.3f} to {after.start:.3f} s",
                 event.time,
             )
         if not event.dwell >= needed - TIME_TOLERANCE:

@@ -190,8 +190,7 @@ def tool_legs(
             found.fail(
                 "contact",
                 f"the motion of the tools during {leg.name} cannot be verified within {MOST_TIMES} "
-                "configurations: its "
-                "samples are too far apart",
+                "configurations: its samples are too far apart",
                 float(leg.times[0]),
             )
         elif len(times) > len(leg.times):

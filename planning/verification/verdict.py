@@ -219,9 +219,8 @@ class Verdict:
         if pair is not None:
             near = (
                 f"smallest clearance {1e3 * pair.distance:.1f} mm between "
-                f"{' and '.join(pair.bodies)} at "
-                f"{pair.time:.3f} s (required {1e3 * pair.required:.0f} mm, at any time at least "
-                f"{1e3 * pair.bound:.1f} mm)"
+                f"{' and '.join(pair.bodies)} at {pair.time:.3f} s (required "
+                f"{1e3 * pair.required:.0f} mm, at any time at least {1e3 * pair.bound:.1f} mm)"
             )
         if self.queries == 0 and not self.passed:
             near = "distances were not computed, because an earlier check failed"

@@ -73,7 +73,6 @@ def _check_together(number: int, left: HeadImage, right: HeadImage) -> None:
     if not turned <= MAX_GAZE_DIFFERENCE:
         raise InputError(
             f"look {number}: the head angles of the two images differ by {1e3 * turned:.1f} mrad, "
-            "at most "
-            f"{1e3 * MAX_GAZE_DIFFERENCE:.1f} mrad is allowed; the head moved between the "
+            f"at most {1e3 * MAX_GAZE_DIFFERENCE:.1f} mrad is allowed; the head moved between the "
             "exposures, look again"
         )

@@ -209,8 +209,7 @@ def _check_complete(site: Site, *, stereo: bool) -> None:
     if stereo and site.cameras.kind == "openni2":
         raise InputError(
             f"cameras.kind of site {site.name} is 'openni2', a depth camera, but the scenario's "
-            "sensor is the "
-            "head; use --sensor xtion, or give cameras of the head"
+            "sensor is the head; use --sensor xtion, or give cameras of the head"
         )
 
 

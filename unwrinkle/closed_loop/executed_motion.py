@@ -207,8 +207,7 @@ def _limit_violations(cell: Cell, measured: Sequence[MeasuredSegment]) -> list[s
         for i in np.flatnonzero((low < limits.lower - room) | (high > limits.upper + room)):
             violations.append(
                 f"{m.name}: {axes[i]} moved between {low[i]:.4f} and {high[i]:.4f} rad, its limits "
-                "are "
-                f"{limits.lower[i]:.4f} and {limits.upper[i]:.4f} rad"
+                f"are {limits.lower[i]:.4f} and {limits.upper[i]:.4f} rad"
             )
         fastest = np.abs(m.velocities).max(axis=0)
         for i in np.flatnonzero(fastest > (1.0 + TOLERANCE) * limits.velocity):

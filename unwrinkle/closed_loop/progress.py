@@ -55,8 +55,8 @@ def _lines(
         known = ""
         if truth is not None:
             known = (
-                f" (true coverage {truth['coverage']:.1%}, "
-                f"true height {1e3 * truth['height']:.1f} mm)"
+                f" (true coverage {truth['coverage']:.1%}, true height {1e3 * truth['height']:.1f} "
+                "mm)"
             )
         return [f"look {action.look}", f"  picture       {spent:6.2f} s{known}"]
     if before.mode == Mode.PERCEIVE and now.mode == Mode.DECIDE:

@@ -206,14 +206,12 @@ def _on_hardware(
     if approve is None:
         raise InputError(
             f"the hardware station moves the robot of site {site.name}: add --go to permit this, "
-            "or rehearse "
-            "with --station loopback"
+            "or rehearse with --station loopback"
         )
     if site.commissioning:
         raise InputError(
             f"site {site.name} is under commissioning: run single plans with `unwrinkle execute` "
-            "first; "
-            "then set commissioning: false"
+            "first; then set commissioning: false"
         )
     if scenario.sensor.kind == "stereo":
         check_calibration(site, datetime.date.today())

@@ -179,8 +179,7 @@ def _print_plan(
             tools.append(f"{name} arm pulls {pull:.1f} mm, tilt {degrees(arm.tilt):.0f} deg")
     console.print(
         f"{kind} plan for wrinkle {choice.decision.wrinkle.index + 1}: turn-table "
-        f"{degrees(plan.turntable):.0f} deg, "
-        f"{', '.join(tools)}; motion {plan.motion_time:.2f} s",
+        f"{degrees(plan.turntable):.0f} deg, {', '.join(tools)}; motion {plan.motion_time:.2f} s",
         highlight=False,
     )
     if plan.note:

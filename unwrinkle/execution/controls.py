@@ -69,8 +69,7 @@ def parse_instruction(line: str) -> Instruction | None:
     if word not in WORDS or len(parts) != (word == SPEED):
         raise InputError(
             f"'{line.strip()[:60]}' is no command; give hold, resume, stop, speed SHARE or alive, "
-            "with @TIME in "
-            "front to delay it"
+            "with @TIME in front to delay it"
         )
     return Instruction(word, _number(parts[0], line) if parts else 0.0, at=at)
 

@@ -50,8 +50,7 @@ class FinishedRuns:
         except OSError as error:
             raise InputError(
                 f"{self.path}: the finished run cannot be recorded ({error.strerror or error}); "
-                "the plan's next "
-                "run will count as its first"
+                "the plan's next run will count as its first"
             ) from None
 
 

@@ -92,8 +92,7 @@ def escape(cell: Cell, positions: Array, closed: tuple[bool, bool]) -> str:
             return f"jog the robot clear with the pendant, e.g. {best[1]}; nothing moves by itself"
     return (
         f"no move of a single axis by up to {_ESCAPES[-1]:.0f} deg clears the robot: jog it home "
-        "with the "
-        "pendant, watching the nearest bodies"
+        "with the pendant, watching the nearest bodies"
     )
 
 

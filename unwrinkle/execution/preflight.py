@@ -313,9 +313,8 @@ def _check_start(plan: FlatteningPlan, cell: Cell, site: Site, positions: np.nda
         moves = ", ".join(f"{cell.robot.axes[i]} by {np.degrees(-off[i]):+.3f} deg" for i in far)
         raise InputError(
             f"the robot is not at the plan's start: {cell.robot.axes[axis]} is off by "
-            f"{1e3 * worst:.2f} mrad, "
-            f"at most {1e3 * most[axis]:.2f} mrad is allowed; jog the robot there with the "
-            f"pendant: {moves}"
+            f"{1e3 * worst:.2f} mrad, at most {1e3 * most[axis]:.2f} mrad is allowed; jog the "
+            f"robot there with the pendant: {moves}"
         )
     return f"within {1e3 * np.abs(off).max():.2f} mrad of the plan's start"
 
@@ -340,8 +339,7 @@ def _check_grippers(site: Site, plan: FlatteningPlan, grippers: GripperState | N
         if closed != needed:
             raise InputError(
                 f"the {side} gripper is {'closed' if closed else 'open'}, but the plan starts with "
-                "it "
-                f"{'closed' if needed else 'open'}; check what it holds, and set it with the "
+                f"it {'closed' if needed else 'open'}; check what it holds, and set it with the "
                 "pendant's outputs"
             )
     return f"{site.grippers.kind}: the grippers answer"

@@ -110,8 +110,7 @@ class Robot:
         if result.outcome != DONE:
             raise HardwareError(
                 f"{result.outcome} after {', '.join(result.finished) or 'no segment'}: "
-                f"{result.reason}; "
-                "a new plan from home is needed"
+                f"{result.reason}; a new plan from home is needed"
             )
         self._finished.add(self.site.name, plan.content_hash, checked.speed)
         return result
@@ -128,8 +127,7 @@ class Robot:
         if len(text) < _CONFIRMATION or not plan.content_hash.startswith(text):
             raise InputError(
                 f"the plan is not confirmed: give confirm=... with the first {_CONFIRMATION} "
-                "characters of "
-                f"its hash, {plan.content_hash[:_CONFIRMATION]}; nothing was sent"
+                f"characters of its hash, {plan.content_hash[:_CONFIRMATION]}; nothing was sent"
             )
 
 

@@ -240,8 +240,7 @@ class ExecutionSession:
             raise InputError(
                 f"'{text[:12]}' does not confirm this plan: its hash begins with "
                 f"{self._plan.content_hash[:CONFIRM]}, and {CONFIRM} characters or more are "
-                "needed; nothing "
-                "has moved"
+                "needed; nothing has moved"
             )
 
     def _execute(
@@ -296,8 +295,7 @@ class ExecutionSession:
                 return interrupts.number
             raise HardwareError(
                 f"{result.outcome} after {', '.join(result.finished) or 'no segment'}: "
-                f"{result.reason}; make a "
-                "new plan from home"
+                f"{result.reason}; make a new plan from home"
             )
         self._say(f"done: {', '.join(result.finished)}")
         try:

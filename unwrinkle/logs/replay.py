@@ -198,8 +198,7 @@ def _panel(records: RunLogRecords, track: MeasuredTrack, heading: str) -> str:
         facts.append("the log is incomplete: the program ended without closing it")
     rows = [
         f"<tr><td style='text-align:right;white-space:nowrap'>{event.time - track.begin:.2f} "
-        f"s</td><td>{escape(event.kind)}</td>"
-        f"<td>{escape(event.text)}</td></tr>"
+        f"s</td><td>{escape(event.kind)}</td><td>{escape(event.text)}</td></tr>"
         for event in records.events[-_MOST_EVENTS:]
     ]
     parts = {

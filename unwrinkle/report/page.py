@@ -25,23 +25,19 @@ _EVENTS = 400
 _REAL = {
     "sim": (
         "The cloth, the robot, its cameras and their noise are simulated; perception, planning, "
-        "verification and the "
-        "decisions are the same as in a real cell. Coverage and true height are the simulated "
-        "cloth's own values, which the "
-        "loop does not use."
+        "verification and the decisions are the same as in a real cell. Coverage and true height "
+        "are the simulated cloth's own values, which the loop does not use."
     ),
     "loopback": (
         "The cloth, the robot's bodies, its cameras and their noise are simulated; between them "
-        "and the loop are the real "
-        "drivers, connected to a virtual controller over TCP and to virtual pan-tilt units over "
-        "serial lines. Coverage and "
-        "true height are the simulated cloth's own values, which the loop does not use."
+        "and the loop are the real drivers, connected to a virtual controller over TCP and to "
+        "virtual pan-tilt units over serial lines. Coverage and true height are the simulated "
+        "cloth's own values, which the loop does not use."
     ),
     "hardware": (
         "This run used a site's devices. The garment's true height and coverage are unknown; "
-        "heights are measured by the "
-        "sensor. The commands and the feedback of the controller are in the run's "
-        "controller-*.jsonl."
+        "heights are measured by the sensor. The commands and the feedback of the controller are "
+        "in the run's controller-*.jsonl."
     ),
 }
 

@@ -50,8 +50,7 @@ _log = logging.getLogger(__name__)
 
 _SIMULATED = (
     "Robot, cloth and pictures are simulated. The robot shows its measured motion, the cloth its "
-    "computed "
-    "motion."
+    "computed motion."
 )
 _REAL = "The robot shows the motion measured on the site's devices; the garment is not shown."
 

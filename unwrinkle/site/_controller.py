@@ -146,15 +146,13 @@ def problem_of(site: ControllerSite, facts: ControllerFacts) -> str:
     if not 0.8 * expected_rate <= facts.rate <= 1.25 * expected_rate:
         return (
             f"{facts.rate:.1f} sets of feedback arrived per second, expected {expected_rate:.1f}; "
-            "check "
-            "controller.feedback_period and the load of the network"
+            "check controller.feedback_period and the load of the network"
         )
     if facts.longest_gap > site.hold_after:
         return (
             f"the longest gap between two sets of feedback was {1e3 * facts.longest_gap:.0f} ms; a "
-            "motion would hold "
-            f"after {1e3 * site.hold_after:.0f} ms; use a dedicated network cable and stop other "
-            "programs"
+            f"motion would hold after {1e3 * site.hold_after:.0f} ms; use a dedicated network "
+            "cable and stop other programs"
         )
     return ""
 

@@ -77,8 +77,7 @@ def check_unit(
         )
         return f"{device}: " + "; ".join(
             f"{axis} at {np.degrees(angle):.2f} deg of {np.degrees(lower):.1f} to "
-            f"{np.degrees(upper):.1f}, "
-            f"{step / ARC_SECOND:.2f} seconds of arc per step"
+            f"{np.degrees(upper):.1f}, {step / ARC_SECOND:.2f} seconds of arc per step"
             for axis, angle, (lower, upper), step in axes
         )
     finally:
@@ -121,8 +120,7 @@ def check_cameras(site: CameraSite, head: StereoHead | None = None) -> str:
         left, right = (path.name for path in pairs[0])
         return (
             f"folder {folder}: {len(pairs)} pairs, the next is {left} and {right} of {size}; files "
-            "do not "
-            "state when they were exposed"
+            "do not state when they were exposed"
         )
     return f"{site.kind}: a pair of {size}, {_times(picture)}, at most {1e3 * site.skew:.0f} ms"
 
@@ -134,9 +132,8 @@ def _check_size(size: str, width: int, height: int, head: StereoHead | None) -> 
         if factor > 1.0 or abs(eye.camera.height * factor - height) > 1.0:
             raise HardwareError(
                 f"the images are of {size}, but the {eye.name} camera is calibrated for "
-                f"{eye.camera.width} x "
-                f"{eye.camera.height} pixels; set the cameras to that size, or calibrate the head "
-                "again"
+                f"{eye.camera.width} x {eye.camera.height} pixels; set the cameras to that size, "
+                "or calibrate the head again"
             )
 
 
@@ -173,8 +170,8 @@ def _depth_camera(site: CameraSite) -> str:
     colour = "without colour" if picture.colour is None else "with colour"
     return (
         f"openni2: a depth frame of {width} x {height} pixels {colour} at {when}, "
-        f"{known.size / picture.depth.size:.0%} of "
-        f"it from {known.min():.2f} to {known.max():.2f} m, median {np.median(known):.2f} m"
+        f"{known.size / picture.depth.size:.0%} of it from {known.min():.2f} to {known.max():.2f} "
+        f"m, median {np.median(known):.2f} m"
     )
 
 

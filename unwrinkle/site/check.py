@@ -131,8 +131,8 @@ def _motion(site: Site, facts: ControllerFacts | None) -> str:
     if facts is None or facts.status is None or facts.status.in_motion not in (0, 1):
         raise HardwareError(
             f"{c.host}:{c.motion_port} was not tried: it is unknown whether the controller's "
-            "queues are empty, and "
-            "their content would run at the next connection; check the state server first"
+            "queues are empty, and their content would run at the next connection; check the "
+            "state server first"
         )
     if facts.status.in_motion == 1:
         raise HardwareError(f"{c.host}:{c.motion_port} was not tried: {QUEUE_LEFT}")
@@ -152,10 +152,8 @@ def _assumptions(site: Site) -> str:
     moved = f"moves {', '.join(c.groups_moved)}" + (f", not {', '.join(still)}" if still else "")
     return (
         f"the firmware {moved}; refuses points above {c.speed_cap:g} of an axis' speed, and starts "
-        "more than "
-        f"{c.start_pulses:g} pulses off; answers motion within {1e3 * c.latency:.0f} ms (the first "
-        "run measures "
-        "this). Taken from the site: it cannot be queried"
+        f"more than {c.start_pulses:g} pulses off; answers motion within {1e3 * c.latency:.0f} ms "
+        "(the first run measures this). Taken from the site: it cannot be queried"
     )
 
 
@@ -176,8 +174,7 @@ def _feedback(site: Site, facts: ControllerFacts) -> str:
         raise HardwareError(problem)
     return (
         f"{facts.rate:.1f} sets per second of the groups {', '.join(site.controller.groups)}, "
-        "longest gap "
-        f"{1e3 * facts.longest_gap:.0f} ms"
+        f"longest gap {1e3 * facts.longest_gap:.0f} ms"
     )
 
 
@@ -192,8 +189,7 @@ def _positions(site: Site, limits: Limits, facts: ControllerFacts) -> str:
         text = ", ".join(f"axis {i + 1}: {q[i]:.3f} rad" for i in out)
         raise HardwareError(
             f"outside the robot's limits: {text}; are the values degrees, or is the order of the "
-            "groups not "
-            f"{', '.join(site.controller.groups)}?"
+            f"groups not {', '.join(site.controller.groups)}?"
         )
     return "within limits: " + " ".join(f"{np.degrees(value):.1f}" for value in q) + " deg"
 

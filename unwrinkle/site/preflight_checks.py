@@ -45,8 +45,7 @@ def check_speed(speed: float, most: float) -> str:
     if speed > most:
         raise InputError(
             f"the speed is {speed:g}, but this plan has not been run to its end at this site; the "
-            "maximum of the "
-            f"first run is {most:g}: give --speed {most:g} or less"
+            f"maximum of the first run is {most:g}: give --speed {most:g} or less"
         )
     return f"{speed:g} of the planned speed"
 
@@ -91,9 +90,8 @@ def check_governor(site: Site, plan: FlatteningPlan, cell: Cell, speed: float) -
         most = governed_speed(site, plan, cell)
         raise InputError(
             f"{text}, the controller refuses more than {cap:.0%} (controller.speed_cap) during a "
-            "motion; give "
-            f"--speed {most:g} or less, or raise the controller's governor (parameter RCnG147) and "
-            "the site's key"
+            f"motion; give --speed {most:g} or less, or raise the controller's governor (parameter "
+            "RCnG147) and the site's key"
         )
     return text
 
@@ -144,10 +142,8 @@ def check_margins(verdict: Verdict, cell: Cell, site: Site) -> str:
         if pair.distance < required:
             raise InputError(
                 f"{' and '.join(pair.bodies)} come within {1e3 * pair.distance:.1f} mm at "
-                f"{pair.time:.2f} s, "
-                f"under commissioning {1e3 * required:.0f} mm are required; plan with a scenario "
-                "of doubled "
-                "clearances"
+                f"{pair.time:.2f} s, under commissioning {1e3 * required:.0f} mm are required; "
+                "plan with a scenario of doubled clearances"
             )
     return f"{text}; doubled clearances are kept"
 
@@ -184,8 +180,7 @@ def _calibration(site: Site) -> tuple[HeadCalibration, str]:
     if not site.virtual:
         raise InputError(
             f"site '{site.name}' names no calibration of the head; make one with `unwrinkle "
-            "calibrate` and "
-            "name it under calibration"
+            "calibrate` and name it under calibration"
         )
     return nominal_calibration(), "nominal calibration"
 
@@ -214,7 +209,6 @@ def check_log(log: Path | None) -> str:
     if free < LEAST_ROOM:
         raise InputError(
             f"{log}: {free >> 20} MB are free there, at least {LEAST_ROOM >> 20} MB are needed; "
-            "free disk space, "
-            "or name a file elsewhere with --log"
+            "free disk space, or name a file elsewhere with --log"
         )
     return str(log)

@@ -19,10 +19,9 @@ def clear_confirmed(site: Site, console: Console) -> None:
     """
     console.print(
         "A stop will be sent as the first bytes of a motion connection. The controller may still "
-        "run one interpolation "
-        "period of the content of its queues: keep clear of the robot, with the emergency stop in "
-        "reach. HOLD on the "
-        "pendant does the same without a connection (MotoROS 1.9.12).",
+        "run one interpolation period of the content of its queues: keep clear of the robot, with "
+        "the emergency stop in reach. HOLD on the pendant does the same without a connection "
+        "(MotoROS 1.9.12).",
         highlight=False,
         soft_wrap=True,
     )

@@ -75,8 +75,7 @@ def _ports_of(process: "subprocess.Popen[str]") -> tuple[int, int, int]:
     except ValueError:
         raise HardwareError(
             f"the virtual controller did not start within {_START_TIMEOUT:g} s; run `unwrinkle "
-            "controller` for "
-            "the reason"
+            "controller` for the reason"
         ) from None
     return int(motion), int(state), int(io)
 

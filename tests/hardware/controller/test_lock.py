@@ -45,8 +45,7 @@ def test_other_robots_are_free(tmp_path: Path) -> None:
 def test_a_process_that_dies_frees_the_lock(tmp_path: Path) -> None:
     script = (
         "import sys; from pathlib import Path; from unwrinkle.hardware.controller.lock import "
-        "OwnerLock; "
-        f"lock = OwnerLock('h', 1, 'child', Path({str(tmp_path)!r})); lock.acquire(); "
+        f"OwnerLock; lock = OwnerLock('h', 1, 'child', Path({str(tmp_path)!r})); lock.acquire(); "
         "print('ready', flush=True); sys.stdin.read()"
     )
     child = subprocess.Popen(

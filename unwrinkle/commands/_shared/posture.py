@@ -41,7 +41,6 @@ def posture(text: str, robot: "RobotDescription") -> "NDArray[np.float64]":
     if len(angles) != len(robot.axes) or not all(math.isfinite(angle) for angle in angles):
         raise InputError(
             f"--start '{text}': give one of {', '.join(robot.named_states)}, or {len(robot.axes)} "
-            "finite "
-            "angles in rad, separated by commas or blanks"
+            "finite angles in rad, separated by commas or blanks"
         )
     return np.array(angles)
