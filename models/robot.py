@@ -203,16 +203,17 @@ class Cell:
         return load_cell(dc.replace(self.scenario, speed=fraction))
 
 
-def load_cell(scenario: Scenario | None = None) -> Cell:
+def load_cell(scenario: Scenario | str | Path | None = None) -> Cell:
     """Load the cell of a scenario.
 
     Args:
-        scenario: None for the shipped one.
+        scenario: its settings, or its file; None for the shipped one.
 
     Raises:
         InputError: a file is missing, has an unknown key, or lacks a number or a role.
     """
-    scenario = load_scenario() if scenario is None else scenario
+    if not isinstance(scenario, Scenario):
+        scenario = load_scenario(scenario)
     robot = load_yaml(resolve(scenario.robot), RobotDescription)
     _check_robot(robot, scenario.robot)
     numbers = [getattr(robot, f.name) for f in dc.fields(robot) if f.type is float]
