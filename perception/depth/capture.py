@@ -205,10 +205,10 @@ def _read_png_depth(path: Path) -> NDArray[Any]:
 def _read_npy(path: Path) -> NDArray[Any]:
     try:
         array = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        reason = "holds pickled objects" if "pickle" in str(error).lower() else "damaged"
+    except (OSError, ValueError, EOFError):
         raise InputError(
-            f"{path}: cannot be read as .npy ({reason} or truncated); copy or record it again"
+            f"{path}: cannot be read as .npy (damaged, truncated, or pickled objects); copy or "
+            "record it again"
         ) from None
     return np.asarray(array)
 
