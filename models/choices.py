@@ -10,7 +10,7 @@ from enum import StrEnum
 from unwrinkle.models.errors import InputError
 
 
-class Choice(StrEnum):
+class NamedChoice(StrEnum):
     """Base of the enums; `Enum(text)` raises InputError for unknown text and lists the known."""
 
     @classmethod
@@ -23,7 +23,7 @@ class Choice(StrEnum):
         return cls.__name__
 
 
-class PullReading(Choice):
+class PullReading(NamedChoice):
     """Reading of Eq. 5, the pull distance of a wrinkle (the `mode` of a target).
 
     FOOT measures the slack between the wrinkle's feet, CONTOUR between its inflection contours (as
@@ -39,7 +39,7 @@ class PullReading(Choice):
         return "mode"
 
 
-class SectionPlace(Choice):
+class SectionPlace(NamedChoice):
     """Where along a wrinkle the section lies that both hands pull: its centre or highest part."""
 
     CENTRE = "centre"
@@ -50,7 +50,7 @@ class SectionPlace(Choice):
         return "section"
 
 
-class PulledSlack(Choice):
+class PulledSlack(NamedChoice):
     """Slack that a pull removes: of the wrinkle (Eq. 5), or of everything on the section."""
 
     WRINKLE = "wrinkle"
