@@ -10,7 +10,7 @@ import numpy as np
 from unwrinkle.benchmarks._fault_rows import Case
 from unwrinkle.benchmarks._faults_rig import Rig, swing
 from unwrinkle.hardware import controller_state
-from unwrinkle.hardware.motoros.wire import Command
+from unwrinkle.hardware.motoros.messages import Command
 from unwrinkle.hardware.run_log.reader import read_run_log
 
 #: Both arms come to rest within so long of each other, s: a queue of increments is at most an

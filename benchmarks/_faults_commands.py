@@ -19,7 +19,7 @@ from unwrinkle.benchmarks._faults_rig import swing
 from unwrinkle.hardware.controller.driver import ControllerDriver
 from unwrinkle.hardware.controller.thread import DriverThread
 from unwrinkle.hardware.controller_state import FAULT, READY
-from unwrinkle.hardware.motoros.wire import Command
+from unwrinkle.hardware.motoros.messages import Command
 from unwrinkle.hardware.run_log.reader import read_run_log
 from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.models.io.loader_yaml import models_dir

@@ -27,7 +27,7 @@ from unwrinkle.hardware.controller.driver import ControllerDriver
 from unwrinkle.hardware.controller.process import DriverProcess
 from unwrinkle.hardware.controller.thread import DriverThread
 from unwrinkle.hardware.controller_state import DriverStatus
-from unwrinkle.hardware.motoros.wire import Command
+from unwrinkle.hardware.motoros.messages import Command
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.simulation.controllers.controller import VirtualControllerSettings
 from unwrinkle.simulation.controllers.server import ServerFault

@@ -6,7 +6,7 @@ import tracemalloc
 import numpy as np
 
 from unwrinkle.benchmarks._fault_rows import Case
-from unwrinkle.hardware.motoros.wire import (
+from unwrinkle.hardware.motoros.messages import (
     Command,
     FeedbackBody,
     Framer,

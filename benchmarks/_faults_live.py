@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 
 from unwrinkle.benchmarks import _faults_cells as cells
-from unwrinkle.hardware.motoros.wire import Command, MessageType, MotionControl
+from unwrinkle.hardware.motoros.messages import Command, MessageType, MotionControl
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.site import Site, loopback_site
 from unwrinkle.simulation.controllers.controller import VirtualController, VirtualControllerSettings

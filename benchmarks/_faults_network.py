@@ -10,7 +10,7 @@ from unwrinkle.benchmarks import _faults_checks as checks
 from unwrinkle.benchmarks._fault_rows import Case, Row
 from unwrinkle.benchmarks._faults_rig import Rig
 from unwrinkle.hardware import controller_state
-from unwrinkle.hardware.motoros.wire import MessageType, Subcode
+from unwrinkle.hardware.motoros.messages import MessageType, Subcode
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.simulation.controllers.controller import VirtualControllerSettings
 from unwrinkle.simulation.controllers.server import ServerFault

@@ -26,8 +26,8 @@ from unwrinkle.benchmarks._faults_limits import SentPoints, limit_violations
 from unwrinkle.hardware import controller_state
 from unwrinkle.hardware.controller.driver import ControllerDriver
 from unwrinkle.hardware.controller_state import DriverStatus
-from unwrinkle.hardware.motoros.link import TcpLink
-from unwrinkle.hardware.motoros.wire import MessageType, MotionControl
+from unwrinkle.hardware.motoros.messages import MessageType, MotionControl
+from unwrinkle.hardware.motoros.tcp_link import TcpLink
 from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.site import ControllerSite, loopback_site

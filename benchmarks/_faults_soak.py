@@ -14,7 +14,7 @@ from unwrinkle.benchmarks import _faults_checks as checks
 from unwrinkle.benchmarks._fault_rows import Case, Different
 from unwrinkle.benchmarks._faults_rig import Rig, swing
 from unwrinkle.hardware import controller_state
-from unwrinkle.hardware.motoros.wire import Subcode
+from unwrinkle.hardware.motoros.messages import Subcode
 from unwrinkle.simulation.controllers.controller import VirtualControllerSettings
 from unwrinkle.simulation.controllers.server import ServerFault
 

@@ -18,7 +18,7 @@ from unwrinkle.benchmarks._trajectory_paths import Piece
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.limits import Limits
 from unwrinkle.planning.robot.kinematics import Kinematics
-from unwrinkle.planning.verification.limits import TOLERANCE
+from unwrinkle.planning.verification.joint_limits import TOLERANCE
 from unwrinkle.planning.verification.motion import Leg
 
 QUANTITIES = ("velocity", "acceleration", "jerk", "tip_speed")

@@ -21,8 +21,8 @@ from unwrinkle.benchmarks._trajectory_paths import LINES, Piece
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.limits import Limits
 from unwrinkle.models.scenario import Smoothing
-from unwrinkle.planning.timing.interior_point import smooth_optimally
 from unwrinkle.planning.timing.joint_path import JointPath, PathLimits, TimedPath
+from unwrinkle.planning.timing.optimal_smoothing import smooth_optimally
 from unwrinkle.planning.timing.path_timing import time_paths
 from unwrinkle.planning.timing.straight_lines import time_line
 

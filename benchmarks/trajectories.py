@@ -15,7 +15,7 @@ from unwrinkle.benchmarks._trajectory_page import draw, page
 from unwrinkle.benchmarks._trajectory_paths import NAMES, load_paths
 from unwrinkle.benchmarks._trajectory_rows import MARGIN
 from unwrinkle.benchmarks.report import Progress
-from unwrinkle.planning.verification.limits import TOLERANCE
+from unwrinkle.planning.verification.joint_limits import TOLERANCE
 
 _GROUPS = ("forward", "lateral", "wide")
 _QUICK = 4

@@ -1,6 +1,14 @@
-"""The decisions: which wrinkle next, with how many arms, plan and verdict, or the reason to stop.
+"""The decisions of garment flattening, once; no Drake systems.
 
-No Drake systems.
+- `flattener`: the pipeline as one object: observe a capture, propose a verified plan.
+- `capture_to_observation`, `observation`: captures to wrinkles and their features.
+- `policy`: which wrinkle is pulled next, with how many arms; flat or not; when to stop.
+- `wrinkle_order`: largest first, or another order.
+- `verified_planning`: plan, verify, else the next motion.
+- `state_machine`, `state`, `transitions`: the closed loop: look, decide, plan, confirm, ask the
+  operator, move.
+- `plan_execution`, `retreat`: segments and gripper strokes of a plan.
+- `messages`, `station_messages`: values at the ports of the diagram.
 """
 
 import lazy_loader

@@ -7,7 +7,7 @@ from .flattener import (
     analysis_report as analysis_report,
     choose as choose,
 )
-from .perceiving import (
+from .capture_to_observation import (
     StereoCapture as StereoCapture,
     load_stereo_capture as load_stereo_capture,
     map_of as map_of,

@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import Any
 
 from unwrinkle.flattening import policy
+from unwrinkle.flattening.capture_to_observation import StereoCapture, map_of, observation_of
 from unwrinkle.flattening.observation import Observation
-from unwrinkle.flattening.perceiving import StereoCapture, map_of, observation_of
 from unwrinkle.flattening.policy import PolicyState, PullDecision, Stop
 from unwrinkle.flattening.verified_planning import VerifiedResult, plan_verified
 from unwrinkle.models.arrays import Array

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from unwrinkle.flattening.garment_surface import garment_of
-from unwrinkle.flattening.priority import flattened_together, highest_part
+from unwrinkle.flattening.wrinkle_order import flattened_together, highest_part
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.models.shared import Shared

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 from unwrinkle.flattening.observation import GarmentFeatures, WrinkleFeatures
-from unwrinkle.flattening.priority import in_order
+from unwrinkle.flattening.wrinkle_order import in_order
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.models.shared import Shared

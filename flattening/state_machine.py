@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from unwrinkle.flattening import policy
-from unwrinkle.flattening.execution import Execution
 from unwrinkle.flattening.flattener import NoChoice, Refusal, choose
 from unwrinkle.flattening.messages import PlanRequest
+from unwrinkle.flattening.plan_execution import Execution
 from unwrinkle.flattening.state import (
     Feedback,
     Mode,

@@ -1,4 +1,11 @@
-"""Drivers of the robot's devices: controller, grippers, cameras, pan-tilt units."""
+"""Drivers that speak the devices' protocols, and the run log; no Drake.
+
+- `motoros/`: the controller's protocol: messages, TCP connections, channels.
+- `streaming/`: trajectory points along the path, changes of rate, checks before sending.
+- `controller/`: the controller's driver.
+- `grippers/`, `cameras/`, `pan_tilt/`: one module a device, and its factory.
+- `run_log/`: what was sent and measured.
+"""
 
 import lazy_loader
 

@@ -1,4 +1,10 @@
-"""The robot and the cell as data, and the small typed loader of them."""
+"""Robot, cell, limits and sites as typed data; the values, errors and files that all else uses.
+
+- `data/`: model files: URDF, SDF, YAML, captures.
+- `robot`, `scenario`, `site`: schemas of the cell, of its settings, and of a laboratory's devices.
+- `table`, `transforms`, `arrays`, `choices`, `errors`: shared values.
+- `io/`: typed YAML, archives of arrays, files written whole or not at all.
+"""
 
 import lazy_loader
 

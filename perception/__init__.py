@@ -1,4 +1,11 @@
-"""Perception: images and depth to range map, wrinkles and flattening target; no Drake."""
+"""Captures to range maps (height above the table), to wrinkles, to the hands' target; no Drake.
+
+- `depth/`: a depth image to a range map.
+- `stereo/`: a pair of the stereo head to a range map.
+- `wrinkles/`: a range map to its wrinkles, their measures, grasp points and pull distances.
+- `calibration/`: cameras, stereo head, camera in the gripper.
+- `gaze/`: vergence of the head on a point, visual search.
+"""
 
 import lazy_loader
 

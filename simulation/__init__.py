@@ -1,4 +1,9 @@
-"""What stands in for the world: garments and wrinkle makers, cloth physics, rendered sensors."""
+"""What stands in for the world.
+
+- `cloth/`: simulated garments. `rendering/`, `depth_cameras/`: pictures of them.
+- `controllers/`: the virtual robot controller. `devices/`: virtual grippers, pan-tilt units.
+- `arms/`: how a controller runs a trajectory.
+"""
 
 import lazy_loader
 

@@ -2,7 +2,7 @@ from .closed_loop.one_call import flatten as flatten
 from .execution.robot import Robot as Robot, connect as connect
 from .flattening.flattener import Flattener as Flattener, Proposal as Proposal
 from .flattening.observation import Observation as Observation
-from .flattening.perceiving import (
+from .flattening.capture_to_observation import (
     StereoCapture as StereoCapture,
     load_stereo_capture as load_stereo_capture,
 )

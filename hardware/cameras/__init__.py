@@ -1,4 +1,8 @@
-"""Drivers of the head's cameras and of the depth camera."""
+"""Drivers of the head's cameras and of the depth camera.
+
+A new camera is a class with the interface of `base.PairCamera`, like `folder`, `opencv` or
+`gphoto`, and a line in `factory`. `openni` is the depth camera.
+"""
 
 import lazy_loader
 

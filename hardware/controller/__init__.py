@@ -1,4 +1,9 @@
-"""The robot controller's driver."""
+"""Driver of the robot controller.
+
+- `driver`: its states and commands; `process`, `thread`, `proxy`: where it runs.
+- `connections`, `motion`, `preconditions`, `monitor`, `feedback`: its parts.
+- `lock`: one program at a time. `clear_queue`: empties what a dead connection left behind.
+"""
 
 import lazy_loader
 

@@ -11,9 +11,9 @@ import numpy as np
 from unwrinkle.hardware.controller.feedback import FeedbackReader
 from unwrinkle.hardware.controller.lock import OwnerLock
 from unwrinkle.hardware.controller_state import RobotStatus
-from unwrinkle.hardware.motoros.link import TcpLink
+from unwrinkle.hardware.motoros.messages import Result
 from unwrinkle.hardware.motoros.motion_channel import LEAVE_TIMEOUT_S, request_stop
-from unwrinkle.hardware.motoros.wire import Result
+from unwrinkle.hardware.motoros.tcp_link import TcpLink
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.site import ControllerSite
 

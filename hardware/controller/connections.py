@@ -9,8 +9,8 @@ is sent before it is closed.
 from unwrinkle.hardware.controller.feedback import FeedbackReader
 from unwrinkle.hardware.controller.lock import OwnerLock
 from unwrinkle.hardware.motoros.io_channel import IoChannel
-from unwrinkle.hardware.motoros.link import TcpLink
 from unwrinkle.hardware.motoros.motion_channel import MotionChannel, StopAndClose, stop_and_leave
+from unwrinkle.hardware.motoros.tcp_link import TcpLink
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.site import ControllerSite
 

@@ -41,10 +41,10 @@ from unwrinkle.hardware.controller_state import (
     RobotStatus,
 )
 from unwrinkle.hardware.motoros.io_channel import IoChannel
-from unwrinkle.hardware.motoros.link import TcpLink
+from unwrinkle.hardware.motoros.messages import Command, MotionReply, Result, describe
 from unwrinkle.hardware.motoros.motion_channel import Asked, MotionChannel
 from unwrinkle.hardware.motoros.start_sequence import StartSequence
-from unwrinkle.hardware.motoros.wire import Command, MotionReply, Result, describe
+from unwrinkle.hardware.motoros.tcp_link import TcpLink
 from unwrinkle.hardware.run_log.protocol import RunLogger
 from unwrinkle.hardware.streaming.path_clock import PathClock
 from unwrinkle.hardware.streaming.sent_cubics import StreamLimits

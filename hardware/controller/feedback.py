@@ -5,8 +5,7 @@ status.
 import numpy as np
 
 from unwrinkle.hardware.controller_state import JointFeedback, RobotStatus
-from unwrinkle.hardware.motoros.link import TcpLink
-from unwrinkle.hardware.motoros.wire import (
+from unwrinkle.hardware.motoros.messages import (
     FeedbackBody,
     Framer,
     Message,
@@ -15,6 +14,7 @@ from unwrinkle.hardware.motoros.wire import (
     RobotStatusBody,
     WireError,
 )
+from unwrinkle.hardware.motoros.tcp_link import TcpLink
 from unwrinkle.hardware.streaming.stream import GROUP_AXES
 from unwrinkle.models.errors import ConnectionLostError, ProtocolError
 from unwrinkle.models.site import ControllerSite

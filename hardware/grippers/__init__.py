@@ -1,4 +1,8 @@
-"""Drivers of the grippers."""
+"""Drivers of the grippers.
+
+A new gripper is a class with the interface of `base.Grippers`, like `can_bus` or `digital_io`, and
+a line in `factory`.
+"""
 
 import lazy_loader
 

@@ -1,7 +1,7 @@
 """Opening of a site's grippers."""
 
 from unwrinkle.hardware.grippers.base import DigitalIo, Grippers
-from unwrinkle.hardware.grippers.digital import DigitalGrippers
+from unwrinkle.hardware.grippers.digital_io import DigitalGrippers
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.site import GripperSite
 
@@ -21,7 +21,7 @@ def open_grippers(
         HardwareError: their bus cannot be opened.
     """
     if site.kind == "can":
-        from unwrinkle.hardware.grippers.can import CanGrippers, open_can_bus
+        from unwrinkle.hardware.grippers.can_bus import CanGrippers, open_can_bus
 
         return CanGrippers(site, open_can_bus(site), stroke=stroke)
     if site.kind != "digital":

@@ -1,4 +1,9 @@
-"""MotoROS' protocol: messages, connections, and the channels that use them."""
+"""MotoROS' protocol.
+
+- `tcp_link`: bytes out to the controller, and in.
+- `messages` with `frames`, `codes`, `numbers`: bytes to values and back.
+- `motion_channel`, `io_channel`, `start_sequence`: requests and their answers.
+"""
 
 import lazy_loader
 

@@ -2,8 +2,7 @@
 
 from collections import deque
 
-from unwrinkle.hardware.motoros.link import TcpLink
-from unwrinkle.hardware.motoros.wire import (
+from unwrinkle.hardware.motoros.messages import (
     IO_RESULTS,
     Framer,
     IoResult,
@@ -15,6 +14,7 @@ from unwrinkle.hardware.motoros.wire import (
     WriteIo,
     WriteIoReply,
 )
+from unwrinkle.hardware.motoros.tcp_link import TcpLink
 from unwrinkle.models.errors import (
     ConnectionLostError,
     HardwareError,

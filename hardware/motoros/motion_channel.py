@@ -9,8 +9,7 @@ import time
 from collections import deque
 from dataclasses import dataclass
 
-from unwrinkle.hardware.motoros.link import TcpLink
-from unwrinkle.hardware.motoros.wire import (
+from unwrinkle.hardware.motoros.messages import (
     Command,
     Framer,
     Message,
@@ -21,6 +20,7 @@ from unwrinkle.hardware.motoros.wire import (
     Subcode,
     WireError,
 )
+from unwrinkle.hardware.motoros.tcp_link import TcpLink
 from unwrinkle.models.errors import ConnectionLostError, OverdueError, ProtocolError
 
 #: Group number of a command to all control groups.

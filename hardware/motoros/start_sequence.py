@@ -2,8 +2,8 @@
 the groups.
 """
 
+from unwrinkle.hardware.motoros.messages import Command, MotionReply, Result, Subcode, describe
 from unwrinkle.hardware.motoros.motion_channel import Asked, MotionChannel
-from unwrinkle.hardware.motoros.wire import Command, MotionReply, Result, Subcode, describe
 from unwrinkle.models.site import ControllerSite
 
 #: Between two checks of readiness, s.

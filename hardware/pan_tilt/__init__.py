@@ -1,4 +1,4 @@
-"""Drivers of the head's pan-tilt units."""
+"""Driver of the head's pan-tilt units, on a serial line."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The log of a run: what was sent and measured."""
+"""Log of a run: every point sent and every measurement."""
 
 import lazy_loader
 

@@ -1,4 +1,9 @@
-"""The stream of trajectory points: clock along the path, changes of rate, checks before sending."""
+"""Stream of trajectory points.
+
+- `stream`: points sent ahead of the robot. `path_clock`, `rate_change`: hold, resume, override.
+- `sent_cubics`: the cubics that the controller runs between points.
+- `trajectory_check`, `firmware_limits`: refusals before anything is sent.
+"""
 
 import lazy_loader
 

@@ -8,8 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from unwrinkle.hardware.motoros.motion_channel import Asked, MotionChannel
-from unwrinkle.hardware.motoros.wire import (
+from unwrinkle.hardware.motoros.messages import (
     Command,
     GroupPoint,
     Message,
@@ -19,6 +18,7 @@ from unwrinkle.hardware.motoros.wire import (
     TrajectoryPoint,
     describe,
 )
+from unwrinkle.hardware.motoros.motion_channel import Asked, MotionChannel
 from unwrinkle.hardware.streaming.path_clock import PathClock, Sample
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.site import ControllerSite

@@ -1,4 +1,4 @@
-"""Calibration of stereo cameras, of the stereo head, and of a gripper camera."""
+"""Calibration of cameras, of the stereo head, and of a camera in the gripper."""
 
 import lazy_loader
 

@@ -1,4 +1,10 @@
-"""Depth cameras: from a capture to the range map of the garment on the table."""
+"""Depth image to range map.
+
+- `capture`: the image with its camera and pose, read from a file.
+- `range_mapping`: heights above the table on a metric grid.
+- `table_plane`: the table's plane. `segmentation`: the garment. `table_crop`: the table's window.
+- `color_registration`: colour of a camera beside the depth camera.
+"""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Gaze of the stereo head: vergence, sub-pixel localization, visual search."""
+"""Gaze of the head: vergence on a point, localisation in an image, visual search."""
 
 import lazy_loader
 

@@ -1,4 +1,10 @@
-"""Stereo head: rectification, dense matching and range mapping of image pairs."""
+"""Pair of the stereo head to range map.
+
+- `head`, `head_file`: the head's geometry and its files. `pair`: two images.
+- `epipolar`, `rectification`: the pair against the head's angles.
+- `matching`: dense disparity; its compiled kernels in `_kernels/`. `speckle`: outliers.
+- `range_mapping`, `heights`, `table_view`: disparity to heights above the table.
+"""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Motions other than the two-arm pull."""
+"""Motions other than the two-arm pull: the pinch from above."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The robot for the planner: kinematics and collision checking."""
+"""Kinematics and collision checking of the robot for the planner."""
 
 import lazy_loader
 

@@ -1,4 +1,10 @@
-"""Search for a collision-free two-arm motion, and its assembly into a plan."""
+"""Search for a collision-free two-arm motion.
+
+- `planner`: a target to a plan, or the reason why there is none (`failure`).
+- `motion_search`, `hand_paths`, `key_poses`: the seven poses and the freedoms of the search.
+- `transit`: motions from the start and to home. `assembly`: samples on one clock.
+- `settings`: of all of it.
+"""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-from .interior_point import smooth_optimally as smooth_optimally
+from .optimal_smoothing import smooth_optimally as smooth_optimally
 from .joint_path import JointPath as JointPath, PathLimits as PathLimits, TimedPath as TimedPath
 from .path_timing import time_paths as time_paths
 from .ruckig_smoothing import smooth_by_ruckig as smooth_by_ruckig

@@ -8,8 +8,8 @@ stage that bounds jerk.
 """
 
 from unwrinkle.models.scenario import Smoothing
-from unwrinkle.planning.timing.interior_point import smooth_optimally
 from unwrinkle.planning.timing.joint_path import JointPath, PathLimits, TimedPath
+from unwrinkle.planning.timing.optimal_smoothing import smooth_optimally
 from unwrinkle.planning.timing.ruckig_smoothing import smooth_by_ruckig
 from unwrinkle.planning.timing.toppra_profile import PathTimingError, time_optimal_profile
 

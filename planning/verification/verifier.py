@@ -38,8 +38,8 @@ from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification.clearance import ClearanceReport, check_clearances
 from unwrinkle.planning.verification.contact import check_contact
 from unwrinkle.planning.verification.hands import check_hands
+from unwrinkle.planning.verification.joint_limits import check_limits
 from unwrinkle.planning.verification.kinematics import check_kinematics
-from unwrinkle.planning.verification.limits import check_limits
 from unwrinkle.planning.verification.model import CellModel
 from unwrinkle.planning.verification.motion import legs
 from unwrinkle.planning.verification.postures import check_postures

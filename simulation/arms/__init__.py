@@ -1,4 +1,4 @@
-"""How a controller runs a trajectory."""
+"""How a robot controller runs a trajectory."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Cloth simulation: XPBD solver, garments, initial states, shape measures."""
+"""Simulated garments: solver (`cloth`, `_solver`), initial states, measures of the true shape."""
 
 import lazy_loader
 

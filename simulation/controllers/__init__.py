@@ -1,4 +1,4 @@
-"""The virtual robot controller: a DX100 with MotoROS."""
+"""Virtual DX100 with MotoROS: `controller` behind `server`'s three ports, and its `faults`."""
 
 import lazy_loader
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from unwrinkle.hardware.motoros.wire import GroupPoint
+from unwrinkle.hardware.motoros.messages import GroupPoint
 from unwrinkle.models.arrays import Array
 
 #: Excess over a position limit that is rounding of float32, rad.

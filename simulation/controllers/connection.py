@@ -2,8 +2,8 @@
 
 from collections import deque
 
-from unwrinkle.hardware.motoros.link import TcpLink
-from unwrinkle.hardware.motoros.wire import Message
+from unwrinkle.hardware.motoros.messages import Message
+from unwrinkle.hardware.motoros.tcp_link import TcpLink
 from unwrinkle.simulation.controllers.reads import Unread
 
 

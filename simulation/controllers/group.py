@@ -14,7 +14,7 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from unwrinkle.hardware.motoros.wire import GroupPoint, Subcode
+from unwrinkle.hardware.motoros.messages import GroupPoint, Subcode
 from unwrinkle.models.arrays import Array
 
 #: Times of points from here on are refused, s.

@@ -2,7 +2,7 @@
 
 import struct
 
-from unwrinkle.hardware.motoros.wire import (
+from unwrinkle.hardware.motoros.messages import (
     CommType,
     IoResult,
     Message,

@@ -5,7 +5,7 @@ servos.
 from collections.abc import Callable
 from enum import StrEnum
 
-from unwrinkle.hardware.motoros.wire import Subcode
+from unwrinkle.hardware.motoros.messages import Subcode
 from unwrinkle.models.errors import InputError
 
 

@@ -5,7 +5,7 @@ word.
 import struct
 from dataclasses import dataclass
 
-from unwrinkle.hardware.motoros.wire import Message, MessageType, Subcode
+from unwrinkle.hardware.motoros.messages import Message, MessageType, Subcode
 from unwrinkle.simulation.controllers.settings import Firmware
 
 _HEADER = struct.Struct("<4i")

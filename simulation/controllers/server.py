@@ -11,8 +11,7 @@ from math import floor
 import numpy as np
 from numpy.typing import ArrayLike
 
-from unwrinkle.hardware.motoros.link import TcpLink
-from unwrinkle.hardware.motoros.wire import (
+from unwrinkle.hardware.motoros.messages import (
     Command,
     Message,
     MessageType,
@@ -20,6 +19,7 @@ from unwrinkle.hardware.motoros.wire import (
     MotionReply,
     Result,
 )
+from unwrinkle.hardware.motoros.tcp_link import TcpLink
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.simulation.controllers.connection import Connection
 from unwrinkle.simulation.controllers.controller import AXES, GROUP_AXES, VirtualController

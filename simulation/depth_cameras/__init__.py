@@ -1,4 +1,4 @@
-"""Depth camera models: structured light and time of flight."""
+"""Depth cameras: structured light and time of flight."""
 
 import lazy_loader
 

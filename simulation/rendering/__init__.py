@@ -1,4 +1,4 @@
-"""Rendering: images and exact depth of the cell, textured meshes, image noise."""
+"""Rendered pictures of the cell: scene, textures, lens and sensor noise."""
 
 import lazy_loader
 

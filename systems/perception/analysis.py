@@ -3,8 +3,8 @@
 import logging
 import time
 
+from unwrinkle.flattening.capture_to_observation import observation_of
 from unwrinkle.flattening.messages import Analysed, Perceived
-from unwrinkle.flattening.perceiving import observation_of
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.systems.function_system import FunctionSystem

@@ -1,6 +1,6 @@
 """Drake system of depth perception: an image of the depth camera in, the range map out."""
 
-from unwrinkle.flattening.perceiving import map_of
+from unwrinkle.flattening.capture_to_observation import map_of
 from unwrinkle.flattening.station_messages import DepthImage
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell

@@ -2,7 +2,7 @@
 
 import dataclasses as dc
 
-from unwrinkle.flattening.perceiving import StereoCapture, map_of
+from unwrinkle.flattening.capture_to_observation import StereoCapture, map_of
 from unwrinkle.flattening.station_messages import HeadImage
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell

@@ -1,4 +1,9 @@
-"""The station in its three forms: simulated, loopback, hardware."""
+"""The station: the diagram's ports to the world, in three forms.
+
+- `simulated`: Drake's plant and the simulated cloth.
+- `loopback`: the real drivers, over real connections, against virtual devices.
+- `hardware`: the real drivers to a site's devices (`drivers/`).
+"""
 
 import lazy_loader
 

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 
 from unwrinkle.hardware.controller.driver import ControllerDriver
-from unwrinkle.hardware.motoros.link import TcpLink
+from unwrinkle.hardware.motoros.tcp_link import TcpLink
 from unwrinkle.hardware.pan_tilt.driver import PanTiltDriver
 from unwrinkle.hardware.pan_tilt.serial_port import SerialLink, fill
 from unwrinkle.models.errors import HardwareError

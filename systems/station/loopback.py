@@ -18,7 +18,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from unwrinkle.hardware.controller.driver import ControllerDriver
 from unwrinkle.hardware.controller_state import READY
-from unwrinkle.hardware.grippers.digital import DigitalGrippers
+from unwrinkle.hardware.grippers.digital_io import DigitalGrippers
 from unwrinkle.hardware.pan_tilt.driver import PanTiltDriver
 from unwrinkle.hardware.pan_tilt.serial_port import open_serial
 from unwrinkle.hardware.run_log.protocol import RunLogger

@@ -12,9 +12,9 @@ import pytest
 import unwrinkle as uw
 from unwrinkle import cli
 from unwrinkle.benchmarks._faults_station import Script, run_loop
-from unwrinkle.flattening.execution import Execution
 from unwrinkle.flattening.flattener import Choice, NoChoice, choose
 from unwrinkle.flattening.observation import GarmentFeatures, WrinkleFeatures
+from unwrinkle.flattening.plan_execution import Execution
 from unwrinkle.flattening.policy import PolicyState
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.scenario import LoopSettings, load_scenario

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from unwrinkle.hardware.controller.driver import ControllerDriver
-from unwrinkle.hardware.motoros.wire import MessageType, MotionControl
+from unwrinkle.hardware.motoros.messages import MessageType, MotionControl
 from unwrinkle.hardware.run_log.protocol import RunLogger
 from unwrinkle.hardware.streaming.sent_cubics import StreamLimits
 from unwrinkle.models.io.loader_yaml import models_dir

@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from unwrinkle.hardware.motoros.link import TcpLink
-from unwrinkle.hardware.motoros.wire import (
+from unwrinkle.hardware.motoros.messages import (
     Command,
     FeedbackBody,
     Framer,
@@ -20,6 +19,7 @@ from unwrinkle.hardware.motoros.wire import (
     RobotStatusBody,
     TrajectoryPoint,
 )
+from unwrinkle.hardware.motoros.tcp_link import TcpLink
 from unwrinkle.simulation.controllers.controller import (
     GROUP_AXES,
     VirtualController,

@@ -12,7 +12,7 @@ import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Diagram, LeafSystem
 
-from unwrinkle.flattening import perceiving, station_messages
+from unwrinkle.flattening import capture_to_observation, station_messages
 from unwrinkle.flattening.policy import PolicyState
 from unwrinkle.flattening.state import SupervisorState
 from unwrinkle.models.errors import NoGarmentError
@@ -119,7 +119,7 @@ def test_pictures_are_matched_once_per_exposure(
         calls.append(args)
         raise NoGarmentError("look: no garment found (nothing stands up)")
 
-    monkeypatch.setattr(perceiving, "range_map_from_pair", counted)
+    monkeypatch.setattr(capture_to_observation, "range_map_from_pair", counted)
     context = diagram.CreateDefaultContext()
     perception = diagram.GetSubsystemByName("perception")
     own = perception.GetMyContextFromRoot(context)

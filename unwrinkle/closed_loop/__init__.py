@@ -1,4 +1,4 @@
-"""Runs of the closed loop: setup, session, recording, progress."""
+"""Runs of the closed loop: `setup`, `session`, `run`, and those who watch it."""
 
 import lazy_loader
 

@@ -1,4 +1,10 @@
-"""Execution of a saved plan on a robot."""
+"""Execution of a saved plan on a robot.
+
+- `session`: one call of `unwrinkle execute`. `robot`: the same for programs (`uw.connect`).
+- `preflight`, `posture`: checks before anything moves.
+- `confirmation`: asks the operator.
+- `executor`, `loop`, `controls`, `page`: segments in order; hold, resume, stop, speed.
+"""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Devices of a site: find, connect and check them."""
+"""A laboratory's devices: found, connected, checked; virtual ones started."""
 
 import lazy_loader
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from unwrinkle.hardware.controller.lock import OwnerLock
 from unwrinkle.hardware.controller_state import RobotStatus
-from unwrinkle.hardware.motoros.link import TcpLink
-from unwrinkle.hardware.motoros.wire import (
+from unwrinkle.hardware.motoros.messages import (
     FeedbackBody,
     Framer,
     IoResult,
@@ -21,6 +20,7 @@ from unwrinkle.hardware.motoros.wire import (
     ReadIoReply,
     RobotStatusBody,
 )
+from unwrinkle.hardware.motoros.tcp_link import TcpLink
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.site import ControllerSite

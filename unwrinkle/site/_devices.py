@@ -13,7 +13,7 @@ from unwrinkle.hardware.cameras.factory import open_cameras
 from unwrinkle.hardware.cameras.folder import pairs_in
 from unwrinkle.hardware.cameras.openni import OpenNi2Camera
 from unwrinkle.hardware.grippers.base import SIDES
-from unwrinkle.hardware.grippers.can import CanGrippers, open_can_bus
+from unwrinkle.hardware.grippers.can_bus import CanGrippers, open_can_bus
 from unwrinkle.hardware.pan_tilt.driver import ARC_SECOND, FAULT, READY, PanTiltDriver
 from unwrinkle.hardware.pan_tilt.serial_port import open_serial
 from unwrinkle.models.errors import HardwareError

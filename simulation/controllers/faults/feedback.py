@@ -6,7 +6,7 @@ from math import pi
 
 import numpy as np
 
-from unwrinkle.hardware.motoros.wire import FeedbackBody, Message, MessageType, MultiFeedback
+from unwrinkle.hardware.motoros.messages import FeedbackBody, Message, MessageType, MultiFeedback
 from unwrinkle.models.arrays import Array
 from unwrinkle.simulation.controllers.faults.kinds import Faults, ServerFault
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from unwrinkle.hardware.motoros.wire import (
+from unwrinkle.hardware.motoros.messages import (
     Command,
     IoResult,
     Message,

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from unwrinkle.hardware.motoros.link import TcpLink
-from unwrinkle.hardware.motoros.wire import Command
+from unwrinkle.hardware.motoros.messages import Command
+from unwrinkle.hardware.motoros.tcp_link import TcpLink
 from unwrinkle.hardware.run_log.protocol import NoLog
 from unwrinkle.hardware.streaming.sent_cubics import StreamLimits
 from unwrinkle.planning.trajectory import Trajectory, rate_extremes

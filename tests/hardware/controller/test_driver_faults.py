@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from unwrinkle.hardware.controller_state import JointFeedback
-from unwrinkle.hardware.motoros.wire import Command
+from unwrinkle.hardware.motoros.messages import Command
 from unwrinkle.hardware.run_log.protocol import NoLog
 from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.simulation.controllers.controller import VirtualControllerSettings

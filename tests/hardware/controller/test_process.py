@@ -15,7 +15,7 @@ import pytest
 
 from unwrinkle.hardware.controller.process import DriverProcess
 from unwrinkle.hardware.controller_state import FAULT, HELD, OFFLINE, READY, RUNNING
-from unwrinkle.hardware.motoros.wire import Command, MessageType, MotionControl
+from unwrinkle.hardware.motoros.messages import Command, MessageType, MotionControl
 from unwrinkle.hardware.run_log.reader import read_run_log
 from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.models.errors import ConnectionLostError, InUseError

@@ -10,7 +10,7 @@ import pytest
 
 from unwrinkle.hardware.controller.driver import ControllerDriver
 from unwrinkle.hardware.controller.thread import DriverThread
-from unwrinkle.hardware.motoros.wire import Command, MessageType, MotionControl
+from unwrinkle.hardware.motoros.messages import Command, MessageType, MotionControl
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.limits import Limits
 from unwrinkle.models.site import ControllerSite

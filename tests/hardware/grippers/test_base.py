@@ -9,8 +9,8 @@ import can
 import pytest
 
 from unwrinkle.hardware.grippers.base import GripperReport, Grippers
-from unwrinkle.hardware.grippers.can import CanGrippers, open_can_bus
-from unwrinkle.hardware.grippers.digital import DigitalGrippers
+from unwrinkle.hardware.grippers.can_bus import CanGrippers, open_can_bus
+from unwrinkle.hardware.grippers.digital_io import DigitalGrippers
 from unwrinkle.hardware.grippers.factory import open_grippers
 from unwrinkle.models.errors import HardwareError, InputError
 from unwrinkle.models.site import GripperSite

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from unwrinkle.hardware.grippers.base import GripperReport
-from unwrinkle.hardware.grippers.digital import DigitalGrippers
+from unwrinkle.hardware.grippers.digital_io import DigitalGrippers
 from unwrinkle.models.site import GripperSite
 from unwrinkle.simulation.controllers.server import ServerFault
 from unwrinkle.simulation.devices.digital_grippers import VirtualDigitalGrippers

@@ -10,16 +10,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from unwrinkle.hardware.motoros.link import TcpLink
-from unwrinkle.hardware.motoros.motion_channel import (
-    LEAVE_TIMEOUT_S,
-    STOP_PATIENCE_S,
-    Asked,
-    MotionChannel,
-    StopAndClose,
-    stop_and_leave,
-)
-from unwrinkle.hardware.motoros.wire import (
+from unwrinkle.hardware.motoros.messages import (
     Command,
     Framer,
     Message,
@@ -30,6 +21,15 @@ from unwrinkle.hardware.motoros.wire import (
     Subcode,
     TrajectoryPoint,
 )
+from unwrinkle.hardware.motoros.motion_channel import (
+    LEAVE_TIMEOUT_S,
+    STOP_PATIENCE_S,
+    Asked,
+    MotionChannel,
+    StopAndClose,
+    stop_and_leave,
+)
+from unwrinkle.hardware.motoros.tcp_link import TcpLink
 from unwrinkle.models.errors import OverdueError, ProtocolError
 
 POINT = TrajectoryPoint(0, 0, 0.0, (0.0,) * 6, (0.0,) * 6).to_message()

@@ -6,8 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from unwrinkle.hardware.motoros.motion_channel import Asked
-from unwrinkle.hardware.motoros.wire import (
+from unwrinkle.hardware.motoros.messages import (
     Message,
     MessageType,
     MotionReply,
@@ -15,6 +14,7 @@ from unwrinkle.hardware.motoros.wire import (
     Result,
     TrajectoryPoint,
 )
+from unwrinkle.hardware.motoros.motion_channel import Asked
 from unwrinkle.hardware.streaming.path_clock import PathClock
 from unwrinkle.hardware.streaming.sent_cubics import StreamLimits
 from unwrinkle.hardware.streaming.stream import START_DWELL_S, PointStream

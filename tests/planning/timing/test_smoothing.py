@@ -13,8 +13,8 @@ from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.scenario import Scenario, Smoothing, load_scenario
 from unwrinkle.planning.search.planner import FlatteningPlanner
-from unwrinkle.planning.timing.interior_point import smooth_optimally
 from unwrinkle.planning.timing.joint_path import JointPath, PathLimits
+from unwrinkle.planning.timing.optimal_smoothing import smooth_optimally
 from unwrinkle.planning.timing.path_timing import time_paths
 from unwrinkle.planning.timing.ruckig_smoothing import smooth_by_ruckig
 from unwrinkle.planning.timing.sampling import sent_ratios

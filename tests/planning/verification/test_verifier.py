@@ -26,7 +26,7 @@ from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.search.planner import FlatteningPlanner
 from unwrinkle.planning.verification.clearance import _pair_speeds
-from unwrinkle.planning.verification.limits import JUMP_FACTOR
+from unwrinkle.planning.verification.joint_limits import JUMP_FACTOR
 from unwrinkle.planning.verification.model import CellModel
 from unwrinkle.planning.verification.motion import Leg, legs
 from unwrinkle.planning.verification.shapes import face_gaps, gaps, measure, outlines

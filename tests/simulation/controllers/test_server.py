@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from unwrinkle.hardware.motoros.link import TcpLink
-from unwrinkle.hardware.motoros.wire import (
+from unwrinkle.hardware.motoros.messages import (
     Command,
     Framer,
     GroupPoint,
@@ -23,6 +22,7 @@ from unwrinkle.hardware.motoros.wire import (
     RobotStatusBody,
     ping,
 )
+from unwrinkle.hardware.motoros.tcp_link import TcpLink
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.simulation.controllers.server import ControllerServer, ServerFault
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from unwrinkle.hardware.motoros.link import TcpLink
-from unwrinkle.hardware.motoros.wire import Command, Framer, MotionControl, MotionReply, WriteIo
+from unwrinkle.hardware.motoros.messages import Command, Framer, MotionControl, MotionReply, WriteIo
+from unwrinkle.hardware.motoros.tcp_link import TcpLink
 from unwrinkle.models.robot import Cell
 from unwrinkle.models.site import Site, loopback_site
 from unwrinkle.simulation.controllers.server import KINDS, ServerFault

@@ -15,8 +15,8 @@ import yaml
 from unwrinkle import cli
 from unwrinkle.hardware.controller.clear_queue import clear_queue
 from unwrinkle.hardware.controller.lock import OwnerLock
-from unwrinkle.hardware.motoros.link import TcpLink
-from unwrinkle.hardware.motoros.wire import Command, MessageType, MotionControl, TrajectoryPoint
+from unwrinkle.hardware.motoros.messages import Command, MessageType, MotionControl, TrajectoryPoint
+from unwrinkle.hardware.motoros.tcp_link import TcpLink
 from unwrinkle.models.robot import Cell
 from unwrinkle.models.site import Site
 from unwrinkle.simulation.controllers.controller import VirtualController, VirtualControllerSettings

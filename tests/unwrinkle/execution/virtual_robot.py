@@ -13,7 +13,7 @@ import time
 
 import numpy as np
 
-from unwrinkle.hardware.motoros.wire import MessageType
+from unwrinkle.hardware.motoros.messages import MessageType
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.site import loopback_site
 from unwrinkle.simulation.controllers.controller import VirtualController, VirtualControllerSettings

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from unwrinkle.hardware.cameras.opencv import OpenCvCamera
-from unwrinkle.hardware.grippers.can import GET_POSITION
+from unwrinkle.hardware.grippers.can_bus import GET_POSITION
 from unwrinkle.models.errors import HardwareError, InputError
 from unwrinkle.models.site import CameraSite, GripperSite, PanTiltSite
 from unwrinkle.perception.stereo.head_file import nominal_calibration

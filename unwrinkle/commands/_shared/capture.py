@@ -147,7 +147,7 @@ def observed(options: CaptureOptions, flattener: "Flattener") -> "Observation":
     """
     from math import radians
 
-    from unwrinkle.flattening.perceiving import StereoCapture, load_stereo_capture
+    from unwrinkle.flattening.capture_to_observation import StereoCapture, load_stereo_capture
     from unwrinkle.perception.depth.capture import Capture, load_capture
 
     capture: Capture | StereoCapture

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from unwrinkle.hardware.motoros.wire import (
+from unwrinkle.hardware.motoros.messages import (
     Command,
     FeedbackBody,
     MotionControl,

@@ -13,7 +13,7 @@ from unwrinkle.flattening.policy import (
     PullDecision,
     decide,
 )
-from unwrinkle.flattening.priority import flattened_together, in_order
+from unwrinkle.flattening.wrinkle_order import flattened_together, in_order
 from unwrinkle.models import scenario
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import LoopSettings
