@@ -2,8 +2,8 @@
 
 - `flattener`: the pipeline as one object: observe a capture, propose a verified plan.
 - `capture_to_observation`, `observation`: captures to wrinkles and their features.
-- `policy`: which wrinkle is pulled next, with how many arms; flat or not; when to stop.
-- `wrinkle_order`: largest first, or another order.
+- `policy`: chooses the wrinkle to pull, the number of arms, or to stop; says what is flat.
+- `wrinkle_order`: the sorting that the policy uses: largest first, or another order.
 - `verified_planning`: plan, verify, else the next motion.
 - `state_machine`, `state`, `transitions`: the closed loop: look, decide, plan, confirm, ask the
   operator, move.

@@ -26,7 +26,7 @@ class WrinkleFeatures:
         pull: pull distance of Eq. 5, m.
         height: of its highest part over the line between its feet, m.
         length: along its ridge line, m.
-        together: volume of all wrinkles that a pull across it flattens, mm^3; see `priority`.
+        together: volume of all wrinkles that a pull across it flattens, mm^3; see `wrinkle_order`.
     """
 
     index: int

@@ -3,7 +3,7 @@ functions of values.
 
 - Flat: no wrinkle reaches the sensor's halting pull, and none is higher than the scenario's halting
   height.
-- Wrinkles are pulled in the scenario's order (see `priority`), with two arms first; without a
+- Wrinkles are pulled in the scenario's order (see `wrinkle_order`), with two arms first; without a
   motion for two arms, the next wrinkle; then with one arm, in the same order.
 - After a missed grasp the same wrinkle is tried again a few times, then abandoned.
 - After actions in a row without effect: first the next wrinkle, then one arm, then stop.

@@ -29,7 +29,7 @@ def in_order(wrinkles: Iterable[_Seen], order: str) -> list[_Seen]:
     """Sort wrinkles, first the one with the greatest value of `order`; equal ones keep their order.
 
     Args:
-        wrinkles: each with an attribute for every one of ORDERS, see `policy.WrinkleFeatures`.
+        wrinkles: each with an attribute for every one of ORDERS, see `observation.WrinkleFeatures`.
         order: one of ORDERS.
 
     Raises:

@@ -1,8 +1,9 @@
-"""Ask the operator to confirm a verified plan before it is executed."""
+"""Confirmation of a plan by its hash, for `unwrinkle execute`, programs and the closed loop."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.files import write_text
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import FlatteningPlan
@@ -13,12 +14,27 @@ from unwrinkle.viewer.preview import preview_page
 if TYPE_CHECKING:
     from rich.console import Console
 
-#: Number of characters of the plan's hash that have to be typed.
+#: Least number of characters of the plan's hash that confirm it.
 CHARACTERS = 6
 
 
+def check_confirmed(plan: FlatteningPlan, typed: str) -> None:
+    """Refuse a text that is not the beginning of the plan's hash.
+
+    Raises:
+        InputError: it is another text, or too short.
+    """
+    text = typed.strip().lower()
+    if len(text) < CHARACTERS or not plan.content_hash.startswith(text):
+        raise InputError(
+            f"'{text[:12]}' does not confirm this plan: its hash begins with "
+            f"{plan.content_hash[:CHARACTERS]}, and {CHARACTERS} characters or more are needed; "
+            "nothing has moved"
+        )
+
+
 class Confirmation:
-    """Show a plan with its hash and clearance, and require the hash's first characters.
+    """Ask the operator of the closed loop: show a plan with its hash and clearance, and require the hash's first characters.
 
     Attributes:
         preview: path of each plan's page, and the cell it shows; None for no page.
@@ -44,4 +60,8 @@ class Confirmation:
             )
         except EOFError:
             return "the plan was not confirmed: there is no terminal"
-        return "" if typed.strip() == required else "the operator did not confirm the plan"
+        try:
+            check_confirmed(plan, typed)
+        except InputError:
+            return "the operator did not confirm the plan"
+        return ""

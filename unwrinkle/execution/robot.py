@@ -9,6 +9,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from unwrinkle import __version__
+from unwrinkle.execution.confirmation import check_confirmed
 from unwrinkle.execution.controls import Instruction
 from unwrinkle.execution.executor import DONE, ExecutionResult, PlanExecutor
 from unwrinkle.execution.finished_runs import FinishedRuns
@@ -123,12 +124,7 @@ class Robot:
                 f"site {self.site.name} is under commissioning, which requires the dead-man key of "
                 "`unwrinkle execute`"
             )
-        text = confirm.strip().lower()
-        if len(text) < _CONFIRMATION or not plan.content_hash.startswith(text):
-            raise InputError(
-                f"the plan is not confirmed: give confirm=... with the first {_CONFIRMATION} "
-                f"characters of its hash, {plan.content_hash[:_CONFIRMATION]}; nothing was sent"
-            )
+        check_confirmed(plan, confirm)
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from unwrinkle import __version__
+from unwrinkle.execution.confirmation import CHARACTERS, check_confirmed
 from unwrinkle.execution.controls import DEAD_MAN_KEY, KEYS, open_controls
 from unwrinkle.execution.executor import DONE, ExecutionResult, PlanExecutor
 from unwrinkle.execution.finished_runs import FinishedRuns
@@ -32,8 +33,6 @@ from unwrinkle.viewer.overlay import PreviewSummary
 from unwrinkle.viewer.preview import preview_page
 from unwrinkle.viewer.scene import start_meshcat
 
-#: Number of characters of the plan's hash that confirm it.
-CONFIRM = 6
 #: Width of a table outside a terminal, columns.
 _WIDTH = 140
 #: Margin of the proposed latency over the measured lag, s.
@@ -100,7 +99,7 @@ class ExecutionSession:
         self._plan = FlatteningPlan.load(options.plan)
         self._plan.check_made_for(self._cell)
         if options.confirmation is not None:
-            self._check_confirmation(options.confirmation)
+            check_confirmed(self._plan, options.confirmation)
 
     def run(self) -> int:
         """Execute the plan; without `go`, check and show it only.
@@ -156,7 +155,7 @@ class ExecutionSession:
         if self._options.log is not None or not self._options.go:
             return self._options.log
         now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
-        return Path(f"run-{now}-{self._plan.content_hash[:CONFIRM]}.jsonl")
+        return Path(f"run-{now}-{self._plan.content_hash[:CHARACTERS]}.jsonl")
 
     def _create_log(self, path: Path, speed: float) -> RunLog:
         header: dict[str, Any] = {
@@ -225,23 +224,14 @@ class ExecutionSession:
         if self._options.confirmation is not None:
             return
         self._say("The robot will move. Keep clear of it, with the emergency stop in reach.")
-        prompt = f"Type the first {CONFIRM} characters of the plan's hash to go: "
+        prompt = f"Type the first {CHARACTERS} characters of the plan's hash to go: "
         try:
             typed = self._console.input(prompt)
         except EOFError:
             raise InputError(
                 "the motion was not confirmed: there is no terminal; type the hash, or give --yes"
             ) from None
-        self._check_confirmation(typed)
-
-    def _check_confirmation(self, typed: str) -> None:
-        text = typed.strip().lower()
-        if len(text) < CONFIRM or not self._plan.content_hash.startswith(text):
-            raise InputError(
-                f"'{text[:12]}' does not confirm this plan: its hash begins with "
-                f"{self._plan.content_hash[:CONFIRM]}, and {CONFIRM} characters or more are "
-                "needed; nothing has moved"
-            )
+        check_confirmed(self._plan, typed)
 
     def _execute(
         self, equipment: SiteEquipment, checked: Preflight, interrupts: StopSignals, log: RunLog
