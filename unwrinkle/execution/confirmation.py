@@ -34,7 +34,9 @@ def check_confirmed(plan: FlatteningPlan, typed: str) -> None:
 
 
 class Confirmation:
-    """Ask the operator of the closed loop: show a plan with its hash and clearance, and require the hash's first characters.
+    """Ask the operator of the closed loop.
+
+    A plan is shown with its hash and clearance; the first characters of the hash confirm it.
 
     Attributes:
         preview: path of each plan's page, and the cell it shows; None for no page.

@@ -25,9 +25,6 @@ from unwrinkle.site.equipment import SiteEquipment, connected
 from unwrinkle.site.sites import find_site, site_cell
 from unwrinkle.site.virtual_process import virtual_controller
 
-#: Minimum number of characters of a plan's hash that confirm it.
-_CONFIRMATION = 6
-
 
 class Robot:
     """Connected controller and grippers of a site.
