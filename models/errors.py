@@ -74,10 +74,6 @@ class OverdueError(HardwareError):
         return type(self), (str(self), self.waited, self.allowed)
 
 
-class RefusedError(HardwareError):
-    """A request that a device has refused."""
-
-
 class InUseError(HardwareError):
     """A device that another program commands.
 
