@@ -24,7 +24,7 @@ _OWNER = """
 import dataclasses, sys, time
 from unwrinkle.hardware.controller.driver import ControllerDriver
 from unwrinkle.models.limits import load_limits
-from unwrinkle.models import models_dir
+from unwrinkle.models.io.loader_yaml import models_dir
 from unwrinkle.models.site import loopback_site
 motion, state, io = map(int, sys.argv[1:])
 site = dataclasses.replace(loopback_site().controller, motion_port=motion, state_port=state, io_port=io)

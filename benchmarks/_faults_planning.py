@@ -12,7 +12,7 @@ from unwrinkle.benchmarks._faults_station import LoopRun, Script, run_loop, towe
 from unwrinkle.benchmarks._plan_tasks import flattening_task
 from unwrinkle.flattening.state import RunStatus
 from unwrinkle.models.arrays import Array
-from unwrinkle.models.errors import InputError, NoSafePlanError
+from unwrinkle.models.errors import InputError, NoVerifiedPlanError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.planning.plan import FlatteningPlan
@@ -107,7 +107,7 @@ def nasty_paths(case: Case) -> None:
     for name, points in (("no length", 0.0 * line), ("no number", np.nan * line)):
         try:
             time_paths([JointPath.through(points)], [full])
-        except (InputError, NoSafePlanError) as error:
+        except (InputError, NoVerifiedPlanError) as error:
             case.expect(True, f"{name}: refused by name")
             case.reads(str(error))
         except ValueError as error:
@@ -143,14 +143,14 @@ def impossible_limits(case: Case) -> None:
     limits = dc.replace(cells.cell().limits, jerk=np.zeros(13))
     try:
         time_line(np.zeros(13), np.ones(13), limits, 0.0, 0.008)
-    except NoSafePlanError as error:
+    except NoVerifiedPlanError as error:
         case.reads(str(error), "jerk-limited")
     else:
         case.expect(False, "ruckig's error is a named refusal", "a motion")
     slow = load_cell(cells.with_jerk(case.folder, 1e-10))
     try:
         result = FlatteningPlanner(slow).plan(flattening_task((0.0, -1.10), 0.2))
-    except NoSafePlanError as error:
+    except NoVerifiedPlanError as error:
         case.reads(str(error))
         return
     found = "" if result.plan is None else f"a plan of {result.plan.motion_time:.0f} s"

@@ -88,15 +88,15 @@ def _proposed(flattener: Flattener, observation: Observation) -> dict[str, Any]:
     proposal = flattener.propose(observation)
     spent = time.perf_counter() - clock
     row: dict[str, Any] = {
-        "flat": proposal.flat,
+        "flat": proposal.plan is None and proposal.flat,
         "planned": proposal.plan is not None,
         "reason": "; ".join(proposal.refused),
     }
-    if proposal.plan is None or proposal.verdict is None or proposal.planned is None:
+    if proposal.plan is None:
         return row | {"reason": proposal.reason}
     planning = proposal.planned.result.timings.total
     return row | {
-        "wrinkle": proposal.choice.decision.wrinkle.index + 1 if proposal.choice else None,
+        "wrinkle": proposal.choice.decision.wrinkle.index + 1,
         "dual": proposal.plan.dual,
         "pull": proposal.plan.target.hands[0].pull_distance,
         "passed": proposal.verdict.passed,

@@ -8,7 +8,7 @@ import unwrinkle as uw
 flattener = uw.Flattener(uw.load_cell())
 seen = flattener.observe(uw.load_capture(uw.model_file("captures/towel.npz")))
 proposal = flattener.propose(seen)
-if proposal.plan is None or proposal.verdict is None:
+if proposal.plan is None:
     raise SystemExit(proposal.reason)
 
 proposal.plan.save("plan.npz")

@@ -2,6 +2,7 @@ from .flattener import (
     Choice as Choice,
     Flattener as Flattener,
     NoChoice as NoChoice,
+    NoProposal as NoProposal,
     Proposal as Proposal,
     Refusal as Refusal,
     analysis_report as analysis_report,

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from unwrinkle.flattening import policy
 from unwrinkle.flattening.capture_to_observation import StereoCapture, map_of, observation_of
 from unwrinkle.flattening.observation import Observation
@@ -77,49 +79,64 @@ class NoChoice(Shared):
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """What to do about an observation.
+    """A motion to execute.
 
     Attributes:
-        plan: that passed its verification; None where nothing is to be done, or nothing can be.
+        plan: that passed its verification.
         verdict: of the plan.
         choice: wrinkle and target of the plan.
         planned: answer of planner and verification, with timings and refused plans.
-        stop: why there is no plan.
         refusals: wrinkles that came first but could not be pulled, in order.
-        state: of the policy after it.
     """
 
-    plan: FlatteningPlan | None = None
-    verdict: Verdict | None = None
-    choice: Choice | None = None
-    planned: VerifiedResult | None = None
-    stop: Stop | None = None
+    plan: FlatteningPlan
+    verdict: Verdict
+    choice: Choice
+    planned: VerifiedResult
+    refusals: tuple[Refusal, ...] = ()
+
+    @property
+    def refused(self) -> tuple[str, ...]:
+        """Texts of the refusals, each once."""
+        return _texts(self.refusals)
+
+
+@dataclass(frozen=True, eq=False)
+class NoProposal:
+    """Nothing to execute: the garment is flat, or nothing can be done.
+
+    Attributes:
+        stop: why.
+        refusals: wrinkles that could not be pulled, in order.
+        state: of the policy, with the abandoned wrinkles.
+        plan, verdict: None.
+    """
+
+    stop: Stop
     refusals: tuple[Refusal, ...] = ()
     state: PolicyState = dc.field(default_factory=PolicyState)
+    plan: None = dc.field(default=None, init=False)
+    verdict: None = dc.field(default=None, init=False)
 
     @property
     def flat(self) -> bool:
         """Whether the garment is flat."""
-        return self.stop is not None and self.stop.flat
-
-    @property
-    def reason(self) -> str:
-        """Why there is no plan; empty where there is one."""
-        if self.stop is None:
-            return ""
-        if self.stop.flat or not self.refusals:
-            return self.stop.reason
-        return "; ".join(self.refused)
+        return self.stop.flat
 
     @property
     def refused(self) -> tuple[str, ...]:
-        """Wrinkles that could not be pulled, each with its reason.
+        """Texts of the refusals, each once."""
+        return _texts(self.refusals)
 
-        A reason for both numbers of arms stands once.
-        """
-        return tuple(
-            dict.fromkeys(f"wrinkle {item.wrinkle + 1}: {item.reason}" for item in self.refusals)
-        )
+    @property
+    def reason(self) -> str:
+        """Why there is no plan."""
+        return self.stop.reason if self.flat or not self.refusals else "; ".join(self.refused)
+
+
+def _texts(refusals: tuple[Refusal, ...]) -> tuple[str, ...]:
+    """Return wrinkles and reasons; a reason for both numbers of arms stands once."""
+    return tuple(dict.fromkeys(f"wrinkle {item.wrinkle + 1}: {item.reason}" for item in refusals))
 
 
 def choose(observation: Observation, state: PolicyState, rules: LoopSettings) -> Choice | NoChoice:
@@ -207,6 +224,7 @@ class Flattener:
             profile: of the sensor's noise; None for each capture's own.
             settings: of the planner.
         """
+        _check_type(cell, Cell, "Flattener", "a cell, as `load_cell` returns it")
         self.cell = cell
         self.rules = cell.scenario.loop if rules is None else rules
         self._profile, self._settings = profile, settings
@@ -230,6 +248,10 @@ class Flattener:
             InputError: there is no garment, or not enough of it in view.
         """
         if not isinstance(capture, RangeMap):
+            wanted = (
+                "a capture, as `load_capture` or `load_stereo_capture` returns it, or a range map"
+            )
+            _check_type(capture, (Capture, StereoCapture), "observe", wanted)
             capture = map_of(capture, self.cell, profile=self._profile, yaw=yaw, seed=seed)
         return observation_of(capture, self.cell, rules=self.rules, profile=self._profile)
 
@@ -248,6 +270,7 @@ class Flattener:
         garment: GarmentSurface | None = None,
     ) -> VerifiedResult:
         """Plan a motion for a target that passes its verification; see `plan_verified`."""
+        _check_type(target, FlatteningTarget, "plan", "a `FlatteningTarget`")
         return plan_verified(
             self.planner, self.cell, target, start=start, garment=garment, arms=arms
         )
@@ -256,21 +279,28 @@ class Flattener:
         self,
         observation: Observation,
         *,
-        start: Array | None = None,
+        start: Array | str | None = None,
         arms: str | None = None,
         state: PolicyState | None = None,
-    ) -> Proposal:
+    ) -> Proposal | NoProposal:
         """Plan and verify a motion for the first wrinkle that has one.
 
         Args:
             observation: of the garment.
-            start: (13,) configuration that the robot rests in, rad; home if left out.
+            start: configuration (axes,) that the robot rests in, rad, or the name of one of the
+                robot's states; home if left out.
             arms: `any`, `dual` or `single`; the rules' own if left out.
             state: of the policy after earlier looks and actions.
 
         Raises:
             InputError: the start is no configuration, or `arms` is none of the three.
         """
+        _check_type(observation, Observation, "propose", "an observation, as `observe` returns it")
+        if isinstance(start, str):
+            if start not in self.cell.robot.named_states:
+                known = ", ".join(self.cell.robot.named_states)
+                raise InputError(f"start {start!r} is no state of the robot; known: {known}")
+            start = np.array(self.cell.robot.named_states[start], dtype=float)
         rules = self.rules
         if arms is not None:
             if arms not in policy.ARMS:
@@ -282,19 +312,22 @@ class Flattener:
             choice = choose(observation, state, rules)
             refusals += choice.refusals
             if isinstance(choice, NoChoice):
-                return Proposal(stop=choice.stop, refusals=refusals, state=choice.state)
+                return NoProposal(choice.stop, refusals, choice.state)
             decision = choice.decision
             garment = observation.garment(decision.wrinkle.index)
             found = self.plan(choice.target, start=start, arms=decision.arms, garment=garment)
-            if found.verdict is not None:
-                return Proposal(
-                    found.plan,
-                    found.verdict,
-                    choice,
-                    found,
-                    refusals=refusals,
-                    state=choice.state,
-                )
+            if found.plan is not None and found.verdict is not None:
+                return Proposal(found.plan, found.verdict, choice, found, refusals)
             reason = found.reason
             refusals += (Refusal(decision.wrinkle.index, decision.arms, reason),)
             state = policy.after_refusal(choice.state, decision, reason)
+
+
+def _check_type(value: object, kinds: type | tuple[type, ...], where: str, wanted: str) -> None:
+    """Refuse an argument of another type.
+
+    Raises:
+        InputError: naming what was given and what is wanted.
+    """
+    if not isinstance(value, kinds):
+        raise InputError(f"{where}: got {type(value).__name__}; give {wanted}")

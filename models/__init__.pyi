@@ -3,7 +3,7 @@ from .cloth import ClothMaterial as ClothMaterial, load_material as load_materia
 from .errors import (
     HardwareError as HardwareError,
     InputError as InputError,
-    NoSafePlanError as NoSafePlanError,
+    NoVerifiedPlanError as NoVerifiedPlanError,
     UnwrinkleError as UnwrinkleError,
 )
 from .limits import Limits as Limits, load_limits as load_limits

@@ -33,7 +33,7 @@ class EpipolarError(PerceptionError):
     """The two images of a stereo pair do not agree with the stated geometry."""
 
 
-class NoSafePlanError(UnwrinkleError):
+class NoVerifiedPlanError(UnwrinkleError):
     """No motion that passes every check exists for what was asked."""
 
     exit_code = 3

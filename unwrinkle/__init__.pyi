@@ -1,6 +1,10 @@
 from .closed_loop.one_call import flatten as flatten
 from .execution.robot import Robot as Robot, connect as connect
-from .flattening.flattener import Flattener as Flattener, Proposal as Proposal
+from .flattening.flattener import (
+    Flattener as Flattener,
+    NoProposal as NoProposal,
+    Proposal as Proposal,
+)
 from .flattening.observation import Observation as Observation
 from .flattening.capture_to_observation import (
     StereoCapture as StereoCapture,
@@ -9,7 +13,7 @@ from .flattening.capture_to_observation import (
 from .models.errors import (
     HardwareError as HardwareError,
     InputError as InputError,
-    NoSafePlanError as NoSafePlanError,
+    NoVerifiedPlanError as NoVerifiedPlanError,
     UnwrinkleError as UnwrinkleError,
 )
 from .models.robot import Cell as Cell, load_cell as load_cell, model_file as model_file

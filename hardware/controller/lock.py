@@ -56,13 +56,35 @@ class OwnerLock:
         """
         if self._file is not None:
             return
+        file = self._open()
+        while not self._take(file):  # its owner has just removed it: open the new one
+            file.close()
+            file = self._open()
+        file.truncate(0)
+        since = time.strftime("%Y-%m-%d %H:%M:%S")
+        json.dump({"pid": os.getpid(), "command": self._command, "since": since}, file)
+        file.flush()
+        self._file = file
+
+    def release(self) -> None:
+        """Release the lock, if it is held, and remove its file."""
+        if self._file is None:
+            return
+        self.path.unlink(missing_ok=True)  # still locked: who opens it now finds a new file
+        self._file.close()
+        self._file = None
+
+    def _open(self) -> TextIOWrapper:
         try:
-            file = open(self.path, "a+", encoding="utf-8")  # noqa: SIM115 - held until released
+            return open(self.path, "a+", encoding="utf-8")  # held until released
         except OSError as error:
             raise HardwareError(
                 f"the lock of the robot at {self._what} cannot be opened: {self.path}: "
                 f"{error.strerror}; set XDG_RUNTIME_DIR to a folder of yours"
             ) from None
+
+    def _take(self, file: TextIOWrapper) -> bool:
+        """Lock an open file; return whether it is still the one at the path."""
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -73,19 +95,10 @@ class OwnerLock:
                 f"{self.path})",
                 owner,
             ) from None
-        file.truncate(0)
-        since = time.strftime("%Y-%m-%d %H:%M:%S")
-        json.dump({"pid": os.getpid(), "command": self._command, "since": since}, file)
-        file.flush()
-        self._file = file
-
-    def release(self) -> None:
-        """Release the lock, if it is held; the empty file stays."""
-        if self._file is None:
-            return
-        self._file.truncate(0)
-        self._file.close()
-        self._file = None
+        try:
+            return os.path.samestat(os.fstat(file.fileno()), os.stat(self.path))
+        except FileNotFoundError:
+            return False
 
 
 def _owner(file: TextIOWrapper) -> str:

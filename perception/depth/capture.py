@@ -8,6 +8,7 @@ the camera's pose in the world; `header`, a JSON object with `depth_unit` (metre
 """
 
 import dataclasses
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,8 @@ from unwrinkle.models.transforms import PoseRecord, check_pose
 from unwrinkle.perception.camera import Camera, load_camera
 
 #: Camera of a depth file that does not name one.
+_log = logging.getLogger(__name__)
+
 DEFAULT_CAMERA = "xtion-pro-live"
 
 #: Largest fraction of pixels without a reading.
@@ -235,6 +238,7 @@ def _camera_of(camera: str | Path | Camera | None, header: Mapping[str, Any], pa
             return Camera(**header["camera"])
         except TypeError as error:
             raise InputError(f"{path}: its camera does not fit ({error})") from None
+    _log.warning("%s: no camera was given; %s is assumed", path, DEFAULT_CAMERA)
     return load_camera(DEFAULT_CAMERA)
 
 

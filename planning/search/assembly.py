@@ -96,7 +96,7 @@ class MotionTiming:
             ways: from the start to the plan pose, and from the leave pose to home.
 
         Raises:
-            NoSafePlanError: a transit takes longer than the settings allow, or rounding alone
+            NoVerifiedPlanError: a transit takes longer than the settings allow, or rounding alone
                 breaks the limits.
         """
         gripper = self._limits.gripper

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from unwrinkle.models.arrays import Array
-from unwrinkle.models.errors import InputError, NoSafePlanError
+from unwrinkle.models.errors import InputError, NoVerifiedPlanError
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.planning.plan import (
@@ -219,7 +219,7 @@ class FlatteningPlanner:
         """The motion with its ways as a plan.
 
         Raises:
-            NoSafePlanError: a part of it takes longer than the settings allow.
+            NoVerifiedPlanError: a part of it takes longer than the settings allow.
         """
         pieces = self._timing.pieces(motion)
         segments, events = self._timing.segments(motion, pieces, ways)
@@ -260,7 +260,7 @@ class _Attempt:
         self._garment, self._approve = garment, approve
         self._note = "" if before is None else before.message
         self._refusals: list[str] = []
-        self._error: NoSafePlanError | None = None
+        self._error: NoVerifiedPlanError | None = None
         self.times = Timings()
         self.result: PlanResult | None = None
 
@@ -277,7 +277,7 @@ class _Attempt:
         clock = time.perf_counter()
         try:
             made = self._planner.timed(motion, ways, self._target, self._garment, self._note)
-        except NoSafePlanError as error:
+        except NoVerifiedPlanError as error:
             self._error = error
             return True
         finally:

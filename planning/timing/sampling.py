@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from unwrinkle.models.arrays import Array
-from unwrinkle.models.errors import NoSafePlanError
+from unwrinkle.models.errors import NoVerifiedPlanError
 from unwrinkle.models.limits import Limits
 from unwrinkle.planning.sent_samples import MILLISECONDS, as_float32
 
@@ -58,7 +58,7 @@ def sample_within(motion: Timed, period: float, limits: Limits) -> Samples:
         limits: full ones, without any margin.
 
     Raises:
-        NoSafePlanError: the limits are so low that rounding alone breaks them.
+        NoVerifiedPlanError: the limits are so low that rounding alone breaks them.
     """
     slower = 1.0
     for _ in range(_ROUNDS):
@@ -72,7 +72,7 @@ def sample_within(motion: Timed, period: float, limits: Limits) -> Samples:
         if not duration <= _SLOWEST * motion.duration + _ROUNDS * period:
             break
         slower = duration / motion.duration
-    raise NoSafePlanError(
+    raise NoVerifiedPlanError(
         f"positions sent as float32 every {MILLISECONDS * period:.0f} ms break the limits by "
         "rounding alone; raise the speed, or the sample time of the planner's settings"
     )

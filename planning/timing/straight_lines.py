@@ -9,7 +9,7 @@ import numpy as np
 import ruckig
 
 from unwrinkle.models.arrays import Array
-from unwrinkle.models.errors import NoSafePlanError
+from unwrinkle.models.errors import NoVerifiedPlanError
 from unwrinkle.models.limits import Limits
 from unwrinkle.planning.timing.sampling import sample_within
 
@@ -86,7 +86,7 @@ def time_line(
         Times (N,), positions and velocities (N, n), and the duration before that slowing, s.
 
     Raises:
-        NoSafePlanError: ruckig finds no motion (limits that are not positive, say), or one that
+        NoVerifiedPlanError: ruckig finds no motion (limits that are not positive, say), or one that
             takes too long.
     """
     way = np.abs(goal - start)
@@ -94,7 +94,7 @@ def time_line(
         return np.zeros(1), start[None].copy(), np.zeros((1, len(start))), 0.0
     line = _timed(start, goal, limits, margin)
     if not line.duration <= longest:
-        raise NoSafePlanError(
+        raise NoVerifiedPlanError(
             f"a transit would take {line.duration:.0f} s, at most {longest:.0f} s are allowed; "
             "check the limits and the speed"
         )
@@ -122,7 +122,9 @@ def _timed(start: Array, goal: Array, limits: Limits, margin: float) -> TimedLin
         result = ruckig.Ruckig(1).calculate(request, law)
     except ruckig.RuckigError as error:
         cause = str(error).partition(" input:")[0]  # the rest repeats every number of the question
-        raise NoSafePlanError(f"no jerk-limited motion along a joint line: {cause}") from error
+        raise NoVerifiedPlanError(f"no jerk-limited motion on a joint line: {cause}") from error
     if result not in (ruckig.Result.Working, ruckig.Result.Finished):
-        raise NoSafePlanError(f"no jerk-limited motion along a joint line: ruckig says {result}")
+        raise NoVerifiedPlanError(
+            f"no jerk-limited motion along a joint line: ruckig says {result}"
+        )
     return TimedLine(start, goal, law)

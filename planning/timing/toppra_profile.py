@@ -19,7 +19,7 @@ import toppra.algorithm
 import toppra.constraint
 
 from unwrinkle.models.arrays import Array
-from unwrinkle.models.errors import NoSafePlanError
+from unwrinkle.models.errors import NoVerifiedPlanError
 from unwrinkle.planning.timing.joint_path import JointPath, PathLimits
 
 # What toppra logs as warnings is raised here as an error.
@@ -55,7 +55,7 @@ class LimitInTheWay:
         return f"the {self.quantity} limit of {axis} {where}"
 
 
-class PathTimingError(NoSafePlanError):
+class PathTimingError(NoVerifiedPlanError):
     """A path cannot be timed within its limits, or takes too long.
 
     Attributes:

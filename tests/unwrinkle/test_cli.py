@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from unwrinkle import cli
-from unwrinkle.models.errors import InputError, NoSafePlanError
+from unwrinkle.models.errors import InputError, NoVerifiedPlanError
 
 
 def _main(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
@@ -33,7 +33,10 @@ def _raise_in_bench(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> No
 
 @pytest.mark.parametrize(
     ("error", "code"),
-    [(InputError("depth.png:\n  truncated"), 2), (NoSafePlanError("far hand\n  40 mm short"), 3)],
+    [
+        (InputError("depth.png:\n  truncated"), 2),
+        (NoVerifiedPlanError("far hand\n  40 mm short"), 3),
+    ],
 )
 def test_expected_error_is_one_line(
     error: Exception,

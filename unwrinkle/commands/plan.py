@@ -28,14 +28,13 @@ from unwrinkle.commands._shared.capture import (
     save_analysis,
 )
 from unwrinkle.commands._shared.posture import StartOption, posture
-from unwrinkle.models.errors import NoSafePlanError
+from unwrinkle.models.errors import NoVerifiedPlanError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from unwrinkle.flattening.flattener import Choice, Proposal
+    from unwrinkle.flattening.flattener import Choice, NoProposal
     from unwrinkle.flattening.observation import Observation
-    from unwrinkle.flattening.policy import Stop
     from unwrinkle.models.robot import Cell
     from unwrinkle.planning.plan import FlatteningPlan
     from unwrinkle.planning.verification.verdict import Verdict
@@ -56,7 +55,9 @@ def plan(
     yaw: YawOption = 0.0,
     sensor: SensorOption = None,
     mode: ModeOption = None,
-    arms: Annotated[str, typer.Option(help="any (two if possible), dual or single.")] = "any",
+    arms: Annotated[
+        str | None, typer.Option(help="any (two if possible), dual or single [the scenario's].")
+    ] = None,
     speed: Annotated[
         float | None, typer.Option(help="Fraction of the catalogue speed [the scenario's].")
     ] = None,
@@ -99,10 +100,9 @@ def plan(
     clock.lap("perception")
     folder = out or options.folder
     proposal = flattener.propose(observation, start=standing, arms=arms)
-    if proposal.stop is not None:
+    if proposal.plan is None:
         _nothing_planned(
             proposal,
-            proposal.stop,
             observation,
             options=options,
             folder=folder,
@@ -110,12 +110,12 @@ def plan(
             pictures=pictures,
         )
         return
-    assert proposal.plan is not None and proposal.verdict is not None
-    assert proposal.choice is not None and proposal.planned is not None
     planning = proposal.planned.result.timings.total
     clock.add("planning", planning)
-    clock.lap("cell model, verification", less=planning)
+    clock.lap("verification", less=planning)
     print_wrinkles(console, observation.analysis, proposal.choice)
+    for text in proposal.refused:
+        console.print(f"[bold]skipped[/bold]: {text}", highlight=False)
     with finished_folder(folder) as work:
         save_analysis(work, observation, proposal.choice, options, pictures=pictures)
         clock.lap("pictures")
@@ -128,8 +128,7 @@ def plan(
 
 
 def _nothing_planned(
-    proposal: "Proposal",
-    stop: "Stop",
+    proposal: "NoProposal",
     observation: "Observation",
     *,
     options: CaptureOptions,
@@ -140,17 +139,17 @@ def _nothing_planned(
     """Write the analysis of a garment that needs no plan.
 
     Raises:
-        NoSafePlanError: the garment is not flat, and no plan for it is verified.
+        NoVerifiedPlanError: the garment is not flat, and no plan for it is verified.
     """
     from unwrinkle.flattening.flattener import NoChoice
 
-    chosen = NoChoice(stop, proposal.state, proposal.refusals)
+    chosen = NoChoice(proposal.stop, proposal.state, proposal.refusals)
     print_wrinkles(console, observation.analysis, chosen)
-    if not stop.flat:
-        raise NoSafePlanError(f"no verified plan: {proposal.reason}")
+    if not proposal.flat:
+        raise NoVerifiedPlanError(f"no verified plan: {proposal.reason}")
     with finished_folder(folder, outdated=(_PLAN, _VERDICT, _PAGE)) as work:
         save_analysis(work, observation, chosen, options, pictures=pictures)
-    console.print(f"{stop.reason}; nothing to plan. Analysis in {folder}/", highlight=False)
+    console.print(f"{proposal.reason}; nothing to plan. Analysis in {folder}/", highlight=False)
 
 
 def _save_plan(

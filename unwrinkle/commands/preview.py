@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from unwrinkle.models.errors import InputError, NoSafePlanError
+from unwrinkle.models.errors import InputError, NoVerifiedPlanError
 
 
 def preview(
@@ -54,5 +54,5 @@ def preview(
         console.print(f"{meshcat.web_url()}: Ctrl-C ends it", highlight=False, soft_wrap=True)
         player.run()
     if not verdict.passed:
-        raise NoSafePlanError(verdict.summary())
+        raise NoVerifiedPlanError(verdict.summary())
     console.print(verdict.summary(), highlight=False, soft_wrap=True)

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from unwrinkle.commands._shared.posture import StartOption, posture
-from unwrinkle.models.errors import NoSafePlanError
+from unwrinkle.models.errors import NoVerifiedPlanError
 
 #: Width of a table outside a terminal, columns.
 _WIDTH = 120
@@ -52,7 +52,7 @@ def verify(
             f"[bold]{violation.kind.replace('_', ' ')}[/bold]: {violation.message}", highlight=False
         )
     if not verdict.passed:
-        raise NoSafePlanError(verdict.summary())
+        raise NoVerifiedPlanError(verdict.summary())
     console.print(verdict.summary(), highlight=False)
 
 

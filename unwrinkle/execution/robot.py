@@ -4,6 +4,8 @@ A `Robot` checks and executes verified plans, without a terminal.
 """
 
 import datetime
+import logging
+import signal
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -17,13 +19,15 @@ from unwrinkle.execution.loop import StopSignals, run_to_the_end
 from unwrinkle.execution.preflight import Preflight, preflight, recheck
 from unwrinkle.garbage import gc_disabled
 from unwrinkle.hardware.run_log.writer import RunLog
-from unwrinkle.models.errors import HardwareError, InputError
+from unwrinkle.models.errors import HardwareError, InputError, UnwrinkleError
 from unwrinkle.models.robot import Cell
 from unwrinkle.models.site import Site
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.site.equipment import SiteEquipment, connected
 from unwrinkle.site.sites import find_site, site_cell
 from unwrinkle.site.virtual_process import virtual_controller
+
+_log = logging.getLogger(__name__)
 
 
 class Robot:
@@ -70,7 +74,8 @@ class Robot:
     ) -> ExecutionResult:
         """Verify a plan from the robot's posture, and execute it to its end.
 
-        Ctrl-C and SIGTERM brake along the path.
+        Ctrl-C (SIGINT) and SIGTERM brake along the path; the signal's exception is raised once the
+        robot is at rest.
 
         Args:
             plan: plan to be executed.
@@ -83,7 +88,13 @@ class Robot:
                 `unwrinkle execute`, which has the dead-man key).
             HardwareError: a preflight check failed and nothing was sent, or the execution did not
                 reach its end.
+            KeyboardInterrupt: SIGINT was received.
+            SystemExit: SIGTERM was received.
         """
+        if not isinstance(plan, FlatteningPlan):
+            raise InputError(f"execute: got {type(plan).__name__}; give a `FlatteningPlan`")
+        if speed is not None and not 0.0 < speed <= 1.0:
+            raise InputError(f"execute: speed is {speed!r}; give a share above 0, up to 1")
         self._check_confirmed(plan, confirm)
         with ExitStack() as stack:
             stack.enter_context(gc_disabled())
@@ -106,11 +117,19 @@ class Robot:
             )
             result = run_to_the_end(executor, _NoControls(), interrupts)
         if result.outcome != DONE:
-            raise HardwareError(
+            text = (
                 f"{result.outcome} after {', '.join(result.finished) or 'no segment'}: "
                 f"{result.reason}; a new plan from home is needed"
             )
-        self._finished.add(self.site.name, plan.content_hash, checked.speed)
+            if interrupts.number == signal.SIGINT:
+                raise KeyboardInterrupt(text)
+            if interrupts.number:
+                raise SystemExit(128 + interrupts.number)
+            raise HardwareError(text)
+        try:
+            self._finished.add(self.site.name, plan.content_hash, checked.speed)
+        except InputError as error:
+            _log.warning("%s", error)
         return result
 
     def _check_confirmed(self, plan: FlatteningPlan, confirm: str) -> None:
@@ -121,7 +140,7 @@ class Robot:
                 f"site {self.site.name} is under commissioning, which requires the dead-man key of "
                 "`unwrinkle execute`"
             )
-        check_confirmed(plan, confirm)
+        check_confirmed(plan, str(confirm))
 
 
 @contextmanager
@@ -143,6 +162,10 @@ def connect(
     """
     found = find_site(site)
     cell = site_cell(found) if cell is None else cell
+    if not isinstance(cell, Cell):
+        raise InputError(
+            f"connect: got {type(cell).__name__}; give a cell, as `load_cell` returns it"
+        )
     with ExitStack() as stack:
         if found.virtual:
             found = stack.enter_context(virtual_controller(str(site)))
@@ -150,7 +173,12 @@ def connect(
         path = Path(f"run-{now}.jsonl") if log is None else Path(log)
         header = {"version": __version__, "site": found.name, "axes": cell.robot.axes}
         run_log = stack.enter_context(RunLog.create(path, header))
-        equipment = stack.enter_context(connected(found, cell, run_log))
+        try:
+            equipment = stack.enter_context(connected(found, cell, run_log))
+        except UnwrinkleError:
+            stack.close()
+            path.unlink(missing_ok=True)  # it holds nothing but its header
+            raise
         yield Robot(found, cell, equipment, run_log)
 
 

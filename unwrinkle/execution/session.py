@@ -22,7 +22,7 @@ from unwrinkle.execution.page import ExecutionPage
 from unwrinkle.execution.preflight import Preflight, chosen_speed, preflight, recheck
 from unwrinkle.garbage import gc_disabled
 from unwrinkle.hardware.run_log.writer import RunLog
-from unwrinkle.models.errors import HardwareError, InputError, NoSafePlanError
+from unwrinkle.models.errors import HardwareError, InputError, NoVerifiedPlanError
 from unwrinkle.models.io.files import write_text
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification.verifier import verify
@@ -108,7 +108,7 @@ class ExecutionSession:
             Number of the signal that ended it; 0 if none did.
 
         Raises:
-            NoSafePlanError: the plan is not verified.
+            NoVerifiedPlanError: the plan is not verified.
             HardwareError: a check or a device failed, or the execution did not reach its end.
             InputError: a file cannot be written, or the plan was not confirmed.
         """
@@ -122,7 +122,7 @@ class ExecutionSession:
             write_text(options.html, page)
             self._say(f"page    {options.html}")
         if not verdict.passed:
-            raise NoSafePlanError(verdict.summary())
+            raise NoVerifiedPlanError(verdict.summary())
         speed = chosen_speed(self._site, self._plan, options.speed, self._finished)
         if options.clear_queue:
             clear_confirmed(self._site, self._console)

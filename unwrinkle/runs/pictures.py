@@ -47,7 +47,7 @@ Painter = Callable[[Axes, Figure], None]
 
 
 def save_pictures(
-    folder: Path,
+    folder: str | Path,
     analysis: Analysis,
     chosen: Choice | NoChoice,
     *,
@@ -58,7 +58,7 @@ def save_pictures(
 
     Return their paths.
     """
-    painters = _painters(analysis, chosen)
+    folder, painters = Path(folder), _painters(analysis, chosen)
     written: list[Path] = []
     for name, (caption, painter) in painters.items() if singles else ():
         figure = Figure(figsize=(7.5, 6.0), layout="constrained")

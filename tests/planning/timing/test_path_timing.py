@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
 from unwrinkle.benchmarks._toppra_bound import jerk_free_line_time, jerk_free_time
-from unwrinkle.models.errors import InputError, NoSafePlanError
+from unwrinkle.models.errors import InputError, NoVerifiedPlanError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.planning.sent_samples import as_sent
 from unwrinkle.planning.timing.joint_path import JointPath, PathLimits
@@ -143,7 +143,7 @@ def test_the_measured_ratios_are_those_of_the_cubics():
 
 def test_limits_that_rounding_alone_breaks_are_refused():
     low = LIMITS.scaled(1e-4)
-    with pytest.raises(NoSafePlanError, match="rounding"):
+    with pytest.raises(NoVerifiedPlanError, match="rounding"):
         time_line(np.zeros(13), np.full(13, 1e-3), low, 0.015, 0.002)
 
 
@@ -163,7 +163,7 @@ def test_impossible_limits_are_refused_with_a_reason():
     import dataclasses as dc
 
     broken = dc.replace(LIMITS, jerk=np.zeros(13))
-    with pytest.raises(NoSafePlanError, match="jerk-limited"):
+    with pytest.raises(NoVerifiedPlanError, match="jerk-limited"):
         time_line(np.zeros(13), np.ones(13), broken, 0.0, 0.008)
 
 
