@@ -133,3 +133,22 @@ def test_the_state_of_the_policy_decides_what_is_next(
     assert isinstance(second, Choice)
     assert (first.decision.arms, second.decision.arms) == ("dual", "single")
     assert np.isfinite(first.target.p_WC).all()
+
+
+def test_arms_of_the_scenario_and_start_by_name(seen: uw.Observation) -> None:
+    cell = uw.load_cell()
+    single = uw.Flattener(cell, rules=dc.replace(cell.scenario.loop, arms="single"))
+    proposal = single.propose(seen, start="home")
+    assert proposal.plan is not None and not proposal.plan.dual
+    with pytest.raises(uw.InputError, match="no state of the robot"):
+        single.propose(seen, start="nowhere")
+
+
+@pytest.mark.parametrize("wrong", ["depth.png", np.zeros((4, 4)), None])
+def test_what_is_no_capture_is_refused(flattener: uw.Flattener, wrong: Any) -> None:
+    with pytest.raises(uw.InputError, match="load_capture"):
+        flattener.observe(wrong)
+    with pytest.raises(uw.InputError, match="observe"):
+        flattener.propose(wrong)
+    with pytest.raises(uw.InputError, match="FlatteningTarget"):
+        flattener.plan(wrong)
