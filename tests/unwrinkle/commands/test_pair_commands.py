@@ -140,7 +140,7 @@ def test_angles_beyond_the_limits(run: Run, pair: Path) -> None:
 def test_options_that_do_not_go_together(run: Run, pair: Path) -> None:
     assert "--head" in refused(run, pair, "--seed", 1)
     head = ("--head", pair / "head.yaml")
-    assert "--yaw: not with two images" in refused(run, pair, *head, "--yaw", 90)
+    assert "--yaw: not allowed with two images" in refused(run, pair, *head, "--yaw", 90)
     code, message = run("analyse", pair / "left.png", *head)
     assert code == 2
     assert "LEFT and RIGHT; one file was given" in message
