@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -303,7 +304,7 @@ def build_robot_diagram(cell: Cell) -> RobotDiagram:
     """Build the cell as a diagram of plant and scene graph, for collision checking or display."""
     builder = RobotDiagramBuilder(time_step=0.0)
     add_cell(cell, builder.plant(), builder.parser())
-    return builder.Build()
+    return cast(RobotDiagram, builder.Build())  # a mere object in Drake's stubs
 
 
 def scoped(name: str) -> tuple[str, str]:

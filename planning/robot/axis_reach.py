@@ -8,11 +8,12 @@ larger ball about the joint's origin.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import TypeGuard
 
 import numpy as np
 from pydrake.geometry import Box, Capsule, Cylinder, Role, SceneGraphInspector, Shape, Sphere
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, Joint, JointIndex, PrismaticJoint, RigidBody
+from pydrake.multibody.tree import BodyIndex, Joint, PrismaticJoint, RevoluteJoint, RigidBody
 
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell, build_robot_diagram, scoped
@@ -100,16 +101,17 @@ class _LinkBuilder:
         self._stroke = cell.limits.gripper.stroke
         self._outboard: dict[BodyIndex, list[Joint]] = {}
         for index in self._plant.GetJointIndices():
-            joint = self._plant.get_joint(JointIndex(index))
+            joint = self._plant.get_joint(index)
             self._outboard.setdefault(joint.parent_body().index(), []).append(joint)
 
     def link(self, name: str) -> _Link:
         """Build the link that an axis (scoped name) carries, with all that follows it."""
         instance, element = scoped(name)
         joint = self._plant.GetJointByName(element, self._plant.GetModelInstanceByName(instance))
+        assert self._is_axis(joint)
         return self._build(joint)
 
-    def _build(self, joint: Joint) -> _Link:
+    def _build(self, joint: RevoluteJoint) -> _Link:
         link = _Link(np.asarray(joint.revolute_axis()))
         X_FW = joint.frame_on_child().CalcPoseInWorld(self._context).inverse()
         bodies = list(self._rigid(joint.child_body()))
@@ -137,7 +139,7 @@ class _LinkBuilder:
                 link.next.append((self._build(outboard), X_FK.translation(), np.asarray(axis_F)))
         return link
 
-    def _is_axis(self, joint: Joint) -> bool:
+    def _is_axis(self, joint: Joint) -> TypeGuard[RevoluteJoint]:
         instance = self._plant.GetModelInstanceName(joint.model_instance())
         return f"{instance}::{joint.name()}" in self._axes
 

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from pydrake.geometry import QueryObject
 
 from unwrinkle.models.arrays import Array, Indices, Mask
 from unwrinkle.planning.verification.model import BodyPair, CellModel
@@ -228,7 +229,8 @@ class _Search:
         allowed = np.where(np.isin(times, self._leg.times), on_samples, between)
         padding = np.where(allowed < 0.0, 0.0, self._required[shapes])
         pairs = self._pair_of[shapes]
-        query, at = None, -1
+        query: QueryObject | None = None
+        at = -1
         # Smallest first: later pairs then often need no measurement.
         for k in np.argsort(bound)[: int(np.sum(bound < MEASURED_BELOW))]:
             i, d = int(pairs[k]), bound[k]
@@ -238,7 +240,7 @@ class _Search:
             if not worth and d >= allowed[k]:
                 continue
             time = float(times[k])
-            if rows[k] != at:
+            if query is None or rows[k] != at:
                 at = rows[k]
                 query = model.set_positions(self._leg.at(time))
                 self.queries += 1

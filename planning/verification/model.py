@@ -16,7 +16,14 @@ from pydrake.geometry import (
     QueryObject,
 )
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, Frame, JointIndex, PrismaticJoint, RigidBody
+from pydrake.multibody.tree import (
+    BodyIndex,
+    Frame,
+    Joint,
+    PrismaticJoint,
+    RevoluteJoint,
+    RigidBody,
+)
 
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
@@ -135,12 +142,7 @@ class CellModel:
 
     def axis_directions(self) -> Array:
         """Return the directions (15, 3) of the joints' axes in their child frames."""
-        return np.array(
-            [
-                joint.translation_axis() if prismatic else joint.revolute_axis()
-                for joint, prismatic in zip(self._joints, self.prismatic, strict=True)
-            ]
-        )
+        return np.array([_axis(joint) for joint in self._joints])
 
     def outline_poses(self, X_WJ: Array) -> tuple[Array, Array]:
         """Return axes (n, N, 3, 3) and centres (n, N, 3) of the shapes' outlines in the world.
@@ -173,20 +175,18 @@ class CellModel:
     def _find_bodies(self) -> None:
         """Find the chain of joints that moves each body."""
         plant = self._plant
-        inboard = {}
-        for index in plant.GetJointIndices():
-            joint = plant.get_joint(JointIndex(index))
-            inboard[joint.child_body().index()] = joint
+        joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+        inboard = {each.child_body().index(): each for each in joints}
         column = {joint.index(): i for i, joint in enumerate(self._joints)}
         self._neighbours: set[frozenset[str]] = set()
         self._chain: dict[str, tuple[int, ...]] = {}
         for body in self._bodies():
             chain: list[int] = []
-            joint = inboard.get(body.index())
-            while joint is not None:
-                if joint.index() in column:
-                    chain.append(column[joint.index()])
-                joint = inboard.get(joint.parent_body().index())
+            carried_by = inboard.get(body.index())
+            while carried_by is not None:
+                if carried_by.index() in column:
+                    chain.append(column[carried_by.index()])
+                carried_by = inboard.get(carried_by.parent_body().index())
             self._chain[_name(body)] = tuple(reversed(chain))
         for joint in self._joints:
             self._neighbours.add(frozenset((_name(joint.parent_body()), _name(joint.child_body()))))
@@ -325,3 +325,12 @@ def _name(body: RigidBody) -> str:
 
 def _element(name: str) -> str:
     return scoped(name)[1]
+
+
+def _axis(joint: Joint) -> Array:
+    """Return the direction (3,) of a joint's axis in its child frame."""
+    if isinstance(joint, PrismaticJoint):
+        return np.asarray(joint.translation_axis())
+    if isinstance(joint, RevoluteJoint):
+        return np.asarray(joint.revolute_axis())
+    raise InputError(f"joint '{joint.name()}' neither slides nor turns; use such a joint")

@@ -8,7 +8,7 @@ import dataclasses as dc
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -38,7 +38,7 @@ from pydrake.geometry import (
     Role,
 )
 from pydrake.math import RigidTransform
-from pydrake.planning import RobotDiagramBuilder
+from pydrake.planning import RobotDiagram, RobotDiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
 from unwrinkle.models.arrays import Pose
@@ -171,7 +171,7 @@ class Renderer:
             self._poses[item.name] = _transform(item.X_WM)
         port = scene_graph.get_source_pose_port(source)
         builder.builder().ExportInput(port, "items")
-        self._diagram = builder.Build()
+        self._diagram = cast(RobotDiagram, builder.Build())
         self._context = self._diagram.CreateDefaultContext()
         self._world = scene_graph.world_frame_id()
         self._fix_poses()

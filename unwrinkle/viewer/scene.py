@@ -3,7 +3,7 @@
 import logging
 import time as clock
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from pydrake.geometry import (
@@ -16,7 +16,7 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.tree import BodyIndex
-from pydrake.planning import RobotDiagramBuilder
+from pydrake.planning import RobotDiagram, RobotDiagramBuilder
 
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
@@ -97,7 +97,8 @@ def in_first_view(across: float, up: float, depth: float) -> RigidTransform:
 
 def rgba(colour: str) -> Rgba:
     """Convert #rrggbb to Drake's colour."""
-    return Rgba(*(int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)), 1.0)
+    red, green, blue = (int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5))
+    return Rgba(red, green, blue, 1.0)
 
 
 def follow(
@@ -155,7 +156,7 @@ class CellScene:
             MeshcatVisualizer.AddToBuilder(
                 builder.builder(), builder.scene_graph(), meshcat, params
             )
-        self._diagram = builder.Build()
+        self._diagram = cast(RobotDiagram, builder.Build())
         self.meshcat = meshcat
         self.plant = self._diagram.plant()
         self._context = self._diagram.CreateDefaultContext()
