@@ -1,17 +1,23 @@
-# `make flatten` and `make test` need git, make and Python 3.11 (or newer); the rest goes into .venv.
+# `make flatten` and `make test` need git, make and Python 3.11, 3.12 or 3.13; the rest goes into .venv.
+# `make ... PYTHON=python3.12` uses that interpreter, in a virtual environment of its own (.venv-python3.12).
 
-PYTHON ?= $(shell for p in python3.11 python3; do \
+ifeq ($(origin PYTHON), undefined)
+PYTHON := $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
 VENV ?= .venv
+else
+VENV ?= .venv-$(notdir $(PYTHON))
+endif
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 BENCHMARKS := $(filter-out report,$(patsubst benchmarks/%.py,%,$(wildcard benchmarks/[a-z]*.py)))
 
-.PHONY: help flatten test lint type bench format clean
+.PHONY: help flatten test smoke lint type bench format clean
 
 help:
 	@echo "make flatten   flatten a crumpled towel in the simulated cell, live in the browser, and name the report"
 	@echo "make test      lint, import contracts, type check, and all tests"
+	@echo "make smoke     a few minutes' tests: every module, every command, one plan, one loop"
 	@echo "make format    format and mend what ruff can"
 	@echo "make bench     run every benchmark and write docs/results (long; QUICK=1 for a smaller sample)"
 	@echo "make clean     remove what was built (and .venv)"
@@ -25,13 +31,20 @@ test: lint type
 	$(BIN)/pytest -m "not alone" --numprocesses 2 --dist loadfile || status=1; \
 	exit $$status
 
+smoke: $(VENV)/ready
+	$(BIN)/pytest -m smoke --numprocesses 2
+
 lint: $(VENV)/ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-cache
 
+# The stubs of Drake 1.58 (Python 3.12 and newer) are good, but for those of its systems framework.
+type: TYPES = $(shell $(BIN)/python -c 'import sys; print(("pyproject.toml", "$(VENV)/pyproject.toml")[sys.version_info >= (3, 12)])')
 type: $(VENV)/ready
-	$(BIN)/mypy -p unwrinkle
+	sed 's/"pydrake\.\*"/"pydrake.systems.*", "pydrake.common.value", "pydrake.common.yaml"/' \
+		pyproject.toml > $(VENV)/pyproject.toml
+	$(BIN)/mypy -p unwrinkle --config-file $(TYPES)
 
 bench: $(VENV)/ready
 	$(PIP) install --quiet --constraint constraints.txt --no-build-isolation --editable '.[bench]'
@@ -44,11 +57,11 @@ format: $(VENV)/ready
 	$(BIN)/ruff format .
 
 clean:
-	rm -rf $(VENV) build dist out *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-* build dist out *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/ready: pyproject.toml constraints.txt
-	@test -n "$(PYTHON)" || { echo "no Python 3.11 or newer with venv found; set PYTHON=..." >&2; exit 1; }
+	@test -n "$(PYTHON)" || { echo "no Python 3.11, 3.12 or 3.13 with venv found; set PYTHON=..." >&2; exit 1; }
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(PIP) install --quiet --constraint constraints.txt pip setuptools
 	$(PIP) install --quiet --constraint constraints.txt --no-build-isolation --editable '.[dev]'
