@@ -39,14 +39,15 @@ nb_execution_show_tb = True
 nb_merge_streams = True
 
 default_role = "code"  # docstrings mark code by single backticks
-autoclass_content = "class"
-autodoc_class_signature = "separated"
+autoclass_content = "both"
+autodoc_class_signature = "mixed"
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True
+napoleon_attr_annotations = False  # they stand in the signature
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 80
 python_display_short_literal_types = True

@@ -76,7 +76,8 @@ def _entry(room: str, name: str, each: Any) -> list[str]:
         return ["", f"- :py:{role}:`{owner}.{name}`"]
     if inspect.isclass(each):
         kind = "autoexception" if issubclass(each, BaseException) else "autoclass"
-        return ["", f".. {kind}:: {room}.{name}", "   :members:", "   :show-inheritance:", ""]
+        shown = [] if each.__bases__ == (object,) else ["   :show-inheritance:"]
+        return ["", f".. {kind}:: {room}.{name}", "   :members:", *shown, ""]
     return ["", f".. {'autofunction' if callable(each) else 'autodata'}:: {room}.{name}", ""]
 
 
@@ -109,6 +110,19 @@ def split_entries(
     lines[:] = result
 
 
+_ARRAY = re.compile(r"ndarray\[tuple\[Any, \.\.\.\], dtype\[(?P<kind>[\w.\[\]]+?)\]\]")
+
+
+def shorten_arrays(
+    app: Sphinx, what: str, name: str, obj: Any, options: Any, signature: str, returns: str
+) -> tuple[str, str]:
+    """Write numpy's array types as they stand in the code, `NDArray[float64]`."""
+    return tuple(
+        text and _ARRAY.sub(lambda found: f"NDArray[{found['kind']}]", text)
+        for text in (signature, returns)
+    )
+
+
 class Face(Directive):
     """Document the names of a face."""
 
@@ -134,5 +148,6 @@ class Face(Directive):
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register the directive `face`."""
     app.add_directive("face", Face)
+    app.connect("autodoc-process-signature", shorten_arrays)
     app.connect("autodoc-process-docstring", split_entries, priority=400)  # before napoleon's
     return {"parallel_read_safe": True, "parallel_write_safe": True}
