@@ -18,6 +18,8 @@ import pytest
 DOCS = Path(__file__).parent
 PAGES = ("quickstart", *(f"howto/own_{name}" for name in ("capture", "camera", "cell", "policy")))
 PAGES += ("howto/own_site", "howto/headless", "howto/container")
+#: Pages that execute in real time, which a busy computer may be too slow for: tried twice.
+REAL_TIME = ("quickstart", "howto/own_site")
 #: Longest time of one block, s.
 LONGEST = 240.0
 
@@ -91,8 +93,17 @@ def test_the_lines_of_a_page_run_as_printed(page: str, tmp_path: Path) -> None:
     """Every block of the page succeeds."""
     blocks = blocks_of((DOCS / f"{page}.md").read_text(encoding="utf-8"))
     assert any(block.kind != "file" for block in blocks)
-    for block in blocks:
-        run(block, tmp_path)
+    attempts = 2 if page in REAL_TIME else 1
+    for attempt in range(1, attempts + 1):
+        folder = tmp_path / str(attempt)
+        folder.mkdir()
+        try:
+            for block in blocks:
+                run(block, folder)
+            return
+        except AssertionError:
+            if attempt == attempts:
+                raise
 
 
 @pytest.mark.parametrize(
