@@ -12,7 +12,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 BENCHMARKS := $(filter-out report,$(patsubst benchmarks/%.py,%,$(wildcard benchmarks/[a-z]*.py)))
 
-.PHONY: help flatten test smoke lint type bench format clean
+.PHONY: help flatten test smoke lint type bench docs format clean
 
 help:
 	@echo "make flatten   flatten a crumpled towel in the simulated cell, live in the browser, and name the report"
@@ -20,6 +20,7 @@ help:
 	@echo "make smoke     a few minutes' tests: every module, every command, one plan, one loop"
 	@echo "make format    format and mend what ruff can"
 	@echo "make bench     run every benchmark and write docs/results (long; QUICK=1 for a smaller sample)"
+	@echo "make docs      build the site into out/docs, and run the lines that its pages print"
 	@echo "make clean     remove what was built (and .venv)"
 
 flatten: $(VENV)/ready
@@ -52,6 +53,12 @@ bench: $(VENV)/ready
 		$(BIN)/unwrinkle bench $$name $(if $(QUICK),--quick --json out/$$name.json, \
 			--json docs/results/$$name.json --markdown docs/results/$$name.md); done
 
+# The site, offline; warnings are errors. Sphinx runs the notebook, pytest the printed lines of the pages.
+docs: $(VENV)/docs-ready
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet -b html docs out/docs
+	$(BIN)/pytest docs
+	@echo "open out/docs/index.html"
+
 format: $(VENV)/ready
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
@@ -66,4 +73,8 @@ $(VENV)/ready: pyproject.toml constraints.txt
 	$(PIP) install --quiet --constraint constraints.txt pip setuptools
 	$(PIP) install --quiet --constraint constraints.txt --no-build-isolation --editable '.[dev]'
 	@$(BIN)/python -c 'import pydrake' || { echo "Drake does not load; on Debian: apt-get install libglib2.0-0" >&2; exit 1; }
+	@touch $@
+
+$(VENV)/docs-ready: $(VENV)/ready
+	$(PIP) install --quiet --constraint constraints.txt --no-build-isolation --editable '.[docs]'
 	@touch $@

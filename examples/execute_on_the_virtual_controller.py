@@ -2,7 +2,7 @@
 machine.
 
 With a site file of your own in place of the shipped one the same lines run the robot, and `execute`
-has to be given the plan's hash: read docs/deployment.md first.
+has to be given the plan's hash: read docs/howto/deployment.md first.
 
 Run: python examples/execute_on_the_virtual_controller.py [LOG]
 """

@@ -20,6 +20,7 @@ from .observation import (
     WrinkleFeatures as WrinkleFeatures,
 )
 from .policy import (
+    Policy as Policy,
     PolicyState as PolicyState,
     PullDecision as PullDecision,
     Stop as Stop,

@@ -13,7 +13,7 @@ import numpy as np
 from unwrinkle.flattening import policy
 from unwrinkle.flattening.capture_to_observation import StereoCapture, map_of, observation_of
 from unwrinkle.flattening.observation import Observation
-from unwrinkle.flattening.policy import PolicyState, PullDecision, Stop
+from unwrinkle.flattening.policy import Policy, PolicyState, PullDecision, Stop
 from unwrinkle.flattening.verified_planning import VerifiedResult, plan_verified
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
@@ -139,19 +139,32 @@ def _texts(refusals: tuple[Refusal, ...]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(f"wrinkle {item.wrinkle + 1}: {item.reason}" for item in refusals))
 
 
-def choose(observation: Observation, state: PolicyState, rules: LoopSettings) -> Choice | NoChoice:
+def choose(
+    observation: Observation,
+    state: PolicyState,
+    rules: LoopSettings,
+    *,
+    by: Policy = policy,
+    refused: tuple[Refusal, ...] = (),
+) -> Choice | NoChoice:
     """Choose the next wrinkle that has a target; wrinkles without one are abandoned.
 
     Args:
         observation: of the garment.
         state: of the policy.
         rules: of the closed loop.
+        by: policy that decides; the one of `unwrinkle.flattening.policy` if left out.
+        refused: wrinkles of this observation that were refused before.
+
+    Raises:
+        InputError: the policy chose what was refused, or no wrinkle of the observation.
     """
     refusals: list[Refusal] = []
     while True:
-        decision = policy.decide(observation.features, state, rules)
+        decision = by.decide(observation.features, state, rules)
         if isinstance(decision, Stop):
             return NoChoice(decision, state, tuple(refusals))
+        _check_decision(decision, observation, rules, (*refused, *refusals))
         target = target_for(observation, decision, rules)
         if isinstance(target, FlatteningTarget):
             return Choice(decision, target, state, tuple(refusals))
@@ -214,6 +227,7 @@ class Flattener:
         rules: LoopSettings | None = None,
         profile: NoiseProfile | None = None,
         settings: PlannerSettings | None = None,
+        policy: Policy = policy,
     ) -> None:
         """Keep the cell; the planner's models are built when the first plan is asked for (about a
         second).
@@ -223,11 +237,12 @@ class Flattener:
             rules: of the closed loop; the scenario's `loop` if left out.
             profile: of the sensor's noise; None for each capture's own.
             settings: of the planner.
+            policy: that decides which wrinkle is pulled next; by the rules if left out.
         """
         _check_type(cell, Cell, "Flattener", "a cell, as `load_cell` returns it")
         self.cell = cell
         self.rules = cell.scenario.loop if rules is None else rules
-        self._profile, self._settings = profile, settings
+        self._profile, self._settings, self._policy = profile, settings, policy
 
     @cached_property
     def planner(self) -> FlatteningPlanner:
@@ -259,7 +274,7 @@ class Flattener:
         self, observation: Observation, state: PolicyState | None = None
     ) -> Choice | NoChoice:
         """Choose the next wrinkle that has a target, without planning; see `choose`."""
-        return choose(observation, state or PolicyState(), self.rules)
+        return choose(observation, state or PolicyState(), self.rules, by=self._policy)
 
     def plan(
         self,
@@ -293,7 +308,8 @@ class Flattener:
             state: of the policy after earlier looks and actions.
 
         Raises:
-            InputError: the start is no configuration, or `arms` is none of the three.
+            InputError: the start is no configuration, `arms` is none of the three, or the policy
+                chose what was refused.
         """
         _check_type(observation, Observation, "propose", "an observation, as `observe` returns it")
         if isinstance(start, str):
@@ -309,7 +325,7 @@ class Flattener:
         state = state or PolicyState()
         refusals: tuple[Refusal, ...] = ()
         while True:
-            choice = choose(observation, state, rules)
+            choice = choose(observation, state, rules, by=self._policy, refused=refusals)
             refusals += choice.refusals
             if isinstance(choice, NoChoice):
                 return NoProposal(choice.stop, refusals, choice.state)
@@ -321,6 +337,35 @@ class Flattener:
             reason = found.reason
             refusals += (Refusal(decision.wrinkle.index, decision.arms, reason),)
             state = policy.after_refusal(choice.state, decision, reason)
+
+
+def _check_decision(
+    decision: PullDecision,
+    observation: Observation,
+    rules: LoopSettings,
+    refused: tuple[Refusal, ...],
+) -> None:
+    """Refuse a decision that cannot be carried out, or that would be refused again without end.
+
+    Raises:
+        InputError: naming the wrinkle and the arms.
+    """
+    if not isinstance(decision, PullDecision):
+        raise InputError(
+            f"policy: decided {type(decision).__name__}; give a `PullDecision` or a `Stop`"
+        )
+    wrinkle, arms = decision.wrinkle, decision.arms
+    if wrinkle not in observation.features.wrinkles or arms not in policy.ARMS[rules.arms]:
+        raise InputError(
+            f"policy: decided wrinkle {wrinkle.index + 1} with arms {arms!r}; give a wrinkle of "
+            f"the observation, and {' or '.join(policy.ARMS[rules.arms])}"
+        )
+    for refusal in refused:
+        if (refusal.wrinkle, refusal.arms) == (wrinkle.index, arms):
+            raise InputError(
+                f"policy: decided wrinkle {wrinkle.index + 1} with arms {arms!r} again, which was "
+                f"refused ({refusal.reason}); leave out what `state.tried` holds"
+            )
 
 
 def _check_type(value: object, kinds: type | tuple[type, ...], where: str, wanted: str) -> None:

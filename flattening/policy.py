@@ -16,7 +16,7 @@ All thresholds are settings of the scenario's `loop`.
 import dataclasses as dc
 import math
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 from unwrinkle.flattening.observation import GarmentFeatures, WrinkleFeatures
 from unwrinkle.flattening.wrinkle_order import in_order
@@ -136,6 +136,25 @@ class PolicyState(Shared):
                 f"the state of the policy is damaged ({error}); begin a new run, without --resume"
             ) from None
         return cls(tried=tried, last=last, **counts)
+
+
+class Policy(Protocol):
+    """Rule that chooses the next action: this module's `decide`, or a laboratory's own."""
+
+    def decide(
+        self, features: GarmentFeatures, state: PolicyState, rules: LoopSettings
+    ) -> PullDecision | Stop:
+        """Choose a wrinkle of the observation and the number of arms, or stop.
+
+        It is asked again where a wrinkle has no target or no verified motion; that wrinkle is then
+        the last of `state.tried`, and must not be chosen again with the same arms.
+
+        Args:
+            features: of the observation, wrinkles largest first.
+            state: what happened before.
+            rules: of the scenario's `loop`, with the numbers of arms that may be used.
+        """
+        ...
 
 
 def after_observation(

@@ -289,15 +289,20 @@ def add_cell(cell: Cell, plant: MultibodyPlant, parser: Parser) -> None:
 
 
 def _directives(path: Path) -> list[ModelDirective]:
-    """Load the model directives of a file.
+    """Load the model directives of a file; relative paths in it are relative to its folder.
 
     Raises:
         InputError: the file is no model directives file.
     """
     try:
-        return list(LoadModelDirectives(str(path)).directives)
+        directives = list(LoadModelDirectives(str(path)).directives)
     except RuntimeError as error:
         raise InputError(f"{path}: not usable as model directives: {error}") from error
+    for directive in directives:
+        for item in (directive.add_model, directive.add_directives):
+            if item is not None and "://" not in item.file:
+                item.file = (path.resolve().parent / item.file).as_uri()
+    return directives
 
 
 def build_robot_diagram(cell: Cell) -> RobotDiagram:

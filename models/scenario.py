@@ -351,6 +351,8 @@ def with_sensor(scenario: Scenario, kind: str) -> Scenario:
 def load_scenario(path: str | Path | None = None, name: str | None = None) -> Scenario:
     """Read a scenario file (the shipped Glasgow cell if no path is given).
 
+    Relative paths in it are relative to the folder of the file.
+
     Args:
         path: a `*.scenario.yaml`, one or more named scenarios in it.
         name: which of them; may be left out where there is only one.
@@ -368,7 +370,17 @@ def load_scenario(path: str | Path | None = None, name: str | None = None) -> Sc
         raise InputError(f"{path}: no scenario '{name}'; it has {', '.join(names)}")
     scenario = load_yaml(path, Scenario, child=name)
     scenario.validate()
-    return scenario
+    folder = path.resolve().parent
+    return dc.replace(
+        scenario,
+        directives=[_beside(folder, uri) for uri in scenario.directives],
+        robot=_beside(folder, scenario.robot),
+        limits=_beside(folder, scenario.limits),
+    )
+
+
+def _beside(folder: Path, uri: str) -> str:
+    return uri if "://" in uri else str(folder / uri)
 
 
 def scenario_names(path: str | Path) -> list[str]:

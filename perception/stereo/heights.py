@@ -5,6 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.compiled import njit
 from unwrinkle.perception.height_grid import Grid, filled_averages
 from unwrinkle.perception.stereo.matching import Disparity
 from unwrinkle.perception.stereo.rectification import Rectification
@@ -73,7 +74,7 @@ def heights_on_grid(
     return averages[0], enough
 
 
-@numba.njit(parallel=True, cache=True)
+@njit(parallel=True)
 def _splat(disparity, valid, intrinsics, shift, to_cells, starts, band, weights, totals):  # type: ignore[no-untyped-def]
     height, width = disparity.shape
     parts, ny, nx = weights.shape

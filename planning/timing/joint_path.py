@@ -30,7 +30,7 @@ class JointPath:
 
     Attributes:
         spline: quintic spline (n axes) over s in [0, 1].
-        tip_rate: for s (M,), the greater of the two tool centre points' |dp/ds|, m; None where it
+        tip_rate: for s (M,), the greater of the two tool centre points' `|dp/ds|`, m; None where it
             does not matter.
     """
 

@@ -70,8 +70,8 @@ def time_line(
     """Samples of the fastest jerk-limited motion along a straight joint line.
 
     The line q = start + s (goal - start), s in [0, 1], is run by one scalar under the tightest of
-    all axes' limits (limit / |goal - start|). Ruckig's own synchronisation of several axes keeps to
-    the line only where no other axis' limit is in the way, and says nothing where it does not.
+    all axes' limits (limit / `|goal - start|`). Ruckig's own synchronisation of several axes keeps
+    to the line only where no other axis' limit is in the way, and says nothing where it does not.
 
     Args:
         start: (n,) rad, at rest.

@@ -4,9 +4,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from unwrinkle.models.compiled import njit
 from unwrinkle.models.errors import InputError
 from unwrinkle.simulation.cloth.cloth import Cloth
 from unwrinkle.simulation.cloth.state import ClothState
@@ -111,7 +111,7 @@ def overstretch(cloth: Cloth, state: ClothState) -> float:
     return worst
 
 
-@njit(cache=True)
+@njit()
 def _rasterise(
     vertices: NDArray[np.float64], triangles: NDArray[np.intp], heights: NDArray[np.float64]
 ) -> None:

@@ -5,7 +5,8 @@ It uses neither sockets nor a clock: messages are passed to its methods, and `ad
 interpolation period. The thirteen axes are turn-table, right arm, left arm; its control groups are
 0 the right arm (r1), 1 the left arm (r2), 2 the turn-table (ext_axis).
 
-It accepts what the firmware accepts (docs/deployment.md names the source, and what is unknown).
+It accepts what the firmware accepts (docs/howto/deployment.md names the source, and what is
+unknown).
 Violations of the rules for clients are recorded in `audit`, and refused only where the firmware
 refuses them. Above all: **its queues outlive the motion connection**, and are run again when the
 next one is accepted.

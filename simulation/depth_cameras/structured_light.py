@@ -16,6 +16,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.compiled import njit
 from unwrinkle.perception.camera import Camera
 from unwrinkle.simulation.depth_cameras._base import DepthCameraModel, incidence
 
@@ -176,7 +177,7 @@ class StructuredLightCamera(DepthCameraModel):
         return np.where(same, steps, moved)
 
 
-@numba.njit(cache=True, parallel=True)
+@njit(parallel=True)
 def _matched(steps: Image, half: int, share: float, agreement: float) -> Image:
     """Return the mean over each window of its largest surface; NaN below the least share.
 

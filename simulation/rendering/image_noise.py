@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.arrays import Pose
+from unwrinkle.models.compiled import njit
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.camera import Camera
 from unwrinkle.simulation.rendering.renderer import Renderer
@@ -280,7 +281,7 @@ def _vignette(camera: Camera, loss: float, top: int, rows: int) -> NDArray[np.fl
     return np.asarray(share, dtype=np.float32)
 
 
-@numba.njit(cache=True)
+@njit()
 def _undistorted(lens: NDArray[np.float64], u: float, v: float) -> tuple[float, float]:
     """Return the undistorted pixel of (u, v): inverts OpenCV's distortion by fixed-point steps."""
     x_seen, y_seen = (u - lens[2]) / lens[0], (v - lens[3]) / lens[1]
@@ -294,7 +295,7 @@ def _undistorted(lens: NDArray[np.float64], u: float, v: float) -> tuple[float, 
     return x * lens[0] + lens[2], y * lens[1] + lens[3]
 
 
-@numba.njit(cache=True, parallel=True, fastmath=True)
+@njit(parallel=True, fastmath=True)
 def _resample(
     source: NDArray[np.uint8],
     weights: NDArray[np.float32],

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.alone
 
 @pytest.fixture(scope="module")
 def page(repository: Path) -> str:
-    return (repository / "docs" / "safety.md").read_text(encoding="utf-8")
+    return (repository / "docs" / "concepts" / "safety.md").read_text(encoding="utf-8")
 
 
 def test_it_begins_with_what_the_software_is_not(page: str) -> None:

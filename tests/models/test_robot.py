@@ -324,3 +324,32 @@ def test_a_robot_without_a_complete_set_of_roles_is_refused(
     path.write_text(text.replace(line, instead), encoding="utf-8")
     with pytest.raises(InputError):
         load_cell(dc.replace(load_scenario(), robot=str(path)))
+
+
+def test_paths_of_a_scenario_are_beside_it_and_those_of_directives_beside_them(
+    cell, tmp_path, monkeypatch
+):
+    lab, models = tmp_path / "lab", tmp_path / "lab" / "models"
+    models.mkdir(parents=True)
+    (models / "post.sdf").write_text(
+        "<sdf version='1.9'><model name='post'><link name='pole'><collision name='c'><geometry>"
+        "<box><size>0.1 0.1 1</size></box></geometry></collision></link></model></sdf>"
+    )
+    (lab / "post.dmd.yaml").write_text(
+        "directives:\n- add_model: {name: post, file: models/post.sdf}\n"
+        "- add_weld: {parent: world, child: 'post::pole'}\n"
+    )
+    file = lab / "lab.scenario.yaml"
+    file.write_text(
+        "Lab:\n  directives: ['package://unwrinkle_models/cell.dmd.yaml', post.dmd.yaml]\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    mine = load_cell("lab/lab.scenario.yaml")
+    assert build_robot_diagram(mine).plant().HasModelInstanceNamed("post")
+    before = mine.robot_hash
+    assert before != cell.robot_hash
+    monkeypatch.chdir(lab)
+    assert load_cell(file).robot_hash == before
+    post = models / "post.sdf"
+    post.write_text(post.read_text().replace("0.1 0.1 1", "0.1 0.1 2"))
+    assert load_cell(file).robot_hash != before

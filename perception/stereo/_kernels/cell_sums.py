@@ -1,11 +1,11 @@
 """Disparity updates from the normal equations of cells: windowed steps and plate-fit weights."""
 
 import cv2
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.arrays import Grid
+from unwrinkle.models.compiled import njit
 from unwrinkle.perception._parallel import parallel_map, parallel_rows
 from unwrinkle.perception.stereo._kernels.normal_equations import CellSums
 
@@ -97,7 +97,7 @@ def weigh(
     return weight, pull, misfit
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _step_row(gg: Grid, ge: Grid, g: Grid, e: Grid, n: Grid, variance: Grid, step: Grid) -> None:
     one, little = np.float32(1.0), np.float32(1e-3)
     own, least = np.float32(GRADIENT_NOISE), np.float32(_MIN_GRADIENT_FRACTION)
@@ -111,7 +111,7 @@ def _step_row(gg: Grid, ge: Grid, g: Grid, e: Grid, n: Grid, variance: Grid, ste
         step[x] = min(max(change, -one), one)
 
 
-@nb.njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _steps(
     first: int,
     last: int,
@@ -127,7 +127,7 @@ def _steps(
         _step_row(gg[y], ge[y], g[y], e[y], n[y], variance[y], step[y])
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _weigh_row(
     variance: Grid,
     sums: tuple[Grid, Grid, Grid, Grid, Grid],
@@ -160,7 +160,7 @@ def _weigh_row(
         misfit[x] = over
 
 
-@nb.njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _weigh(
     first: int,
     last: int,

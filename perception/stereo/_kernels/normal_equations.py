@@ -10,11 +10,11 @@ temporaries.
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.arrays import Grid, Image
+from unwrinkle.models.compiled import njit
 from unwrinkle.perception._parallel import parallel_rows
 
 
@@ -71,7 +71,7 @@ def cell_sums(
 # a sampling position are packed into one 32-bit word.
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def upsample_row(
     y: int, disparity: Grid, scale: np.float32, cell: int, line: Grid, row: Grid
 ) -> None:
@@ -98,7 +98,7 @@ def upsample_row(
                 to[x] = inner[x] + aside * (inner[x] - before[x])
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _place(row: Grid, at: NDArray[np.int32], share: Grid, seen: Grid) -> None:
     """Compute the position of each left pixel in the right row: index, fraction, and seen flag."""
     one, zero, last = np.float32(1.0), np.float32(0.0), np.float32(row.size - 3)
@@ -111,7 +111,7 @@ def _place(row: Grid, at: NDArray[np.int32], share: Grid, seen: Grid) -> None:
         seen[x] = one if place == wanted else zero
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _pack(pixels: Image, packed: NDArray[np.uint32]) -> None:
     """Pack the pixels k - 1 to k + 2 into one word, for every k."""
     n = pixels.size
@@ -123,13 +123,13 @@ def _pack(pixels: Image, packed: NDArray[np.uint32]) -> None:
         to[x] = low | (np.uint32(c[x]) << sixteen) | (np.uint32(d[x]) << many)
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _take(packed: NDArray[np.uint32], at: NDArray[np.int32], taps: NDArray[np.uint32]) -> None:
     for x in range(at.size):
         taps[x] = packed[np.uint32(at[x])]
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _spline(taps: NDArray[np.uint32], share: Grid, value: Grid, slope: Grid, seen: Grid) -> None:
     """Evaluate the cubic B-spline and its derivative at each position in the right row."""
     half, sixth = np.float32(0.5), np.float32(1.0 / 6.0)
@@ -153,7 +153,7 @@ def _spline(taps: NDArray[np.uint32], share: Grid, value: Grid, slope: Grid, see
         seen[x] = seen[x] * min(one, min(r1, r2))
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _compare(
     pixels: Image,
     value: Grid,
@@ -184,7 +184,7 @@ def _compare(
     seen[0] = seen[n - 1] = np.float32(0.0)
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True, inline="always")
+@njit(nogil=True, fastmath=True, inline="always")
 def _add(
     g: Grid, e: Grid, seen: Grid, mid: Grid, unlike: Grid, out: NDArray[np.float32], cell: int
 ) -> None:
@@ -218,22 +218,22 @@ def _add(
 # A constant cell size lets the compiler unroll the loop over its pixels.
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _add_one(g: Grid, e: Grid, seen: Grid, mid: Grid, unlike: Grid, out: Grid) -> None:
     _add(g, e, seen, mid, unlike, out, 1)
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _add_two(g: Grid, e: Grid, seen: Grid, mid: Grid, unlike: Grid, out: Grid) -> None:
     _add(g, e, seen, mid, unlike, out, 2)
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _add_four(g: Grid, e: Grid, seen: Grid, mid: Grid, unlike: Grid, out: Grid) -> None:
     _add(g, e, seen, mid, unlike, out, 4)
 
 
-@nb.njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _sum_cells(
     first: int,
     last: int,

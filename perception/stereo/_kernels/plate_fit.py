@@ -7,11 +7,11 @@ computed per direction from the current surface, so that at the crest of a steep
 the surface is smoothed along the crest but not across it.
 """
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.arrays import Grid
+from unwrinkle.models.compiled import njit
 from unwrinkle.perception._parallel import parallel_rows
 
 #: Lower bound of the matrix's diagonal.
@@ -74,7 +74,7 @@ class Plate:
 # Loops run over views of rows, which the compiler vectorises.
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _second(before: Grid, here: Grid, after: Grid, hold: Grid, moment: Grid) -> None:
     """Compute the weighted second difference of three rows, or of three shifted views of one."""
     two = np.float32(2.0)
@@ -82,14 +82,14 @@ def _second(before: Grid, here: Grid, after: Grid, hold: Grid, moment: Grid) -> 
         moment[x] = hold[x] * (before[x] - two * here[x] + after[x])
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _twist(here: Grid, right: Grid, below: Grid, across: Grid, hold: Grid, moment: Grid) -> None:
     """Compute the weighted mixed difference of cells with their right and lower neighbours."""
     for x in range(moment.size):
         moment[x] = hold[x] * (here[x] - right[x] - below[x] + across[x])
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _let_go(hold: Grid, square: np.float32, most: np.float32) -> None:
     """Replace second differences by their robust weights times the stiffness `most`."""
     for x in range(hold.size):
@@ -97,7 +97,7 @@ def _let_go(hold: Grid, square: np.float32, most: np.float32) -> None:
         hold[x] = most * share * share
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _holds(
     first: int, last: int, d: Grid, square: np.float32, stiffness: np.float32, hold: Grid
 ) -> None:
@@ -119,7 +119,7 @@ def _holds(
             _let_go(inner, square, np.float32(2.0) * stiffness)
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _columns_of(y: int, d: Grid, hold: Grid, moment: Grid) -> None:
     """Compute the weighted second difference along columns at row y; 0 at the border."""
     if 0 < y < d.shape[0] - 1:
@@ -128,7 +128,7 @@ def _columns_of(y: int, d: Grid, hold: Grid, moment: Grid) -> None:
         moment[:] = np.float32(0.0)
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _across_of(y: int, d: Grid, hold: Grid, moment: Grid) -> None:
     """Compute the weighted mixed difference of rows y and y + 1 into moment[x + 1]; 0 outside."""
     h, w = d.shape
@@ -139,7 +139,7 @@ def _across_of(y: int, d: Grid, hold: Grid, moment: Grid) -> None:
         _twist(here[: w - 1], here[1:], below[: w - 1], below[1:], hold[2, y, : w - 1], inner)
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _gather(rows: Grid, above: Grid, here: Grid, below: Grid, product: Grid) -> None:
     """Sum the second differences of the moments along rows (padded by one) and along columns."""
     two = np.float32(2.0)
@@ -150,7 +150,7 @@ def _gather(rows: Grid, above: Grid, here: Grid, below: Grid, product: Grid) -> 
         product[x] = along + above[x] - two * here[x] + below[x]
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _finish(before: Grid, after: Grid, weight: Grid, d: Grid, product: Grid) -> np.float32:
     """Add the mixed terms and the data term; return the scalar product with d."""
     n = product.size
@@ -163,7 +163,7 @@ def _finish(before: Grid, after: Grid, weight: Grid, d: Grid, product: Grid) -> 
     return total
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _apply(
     first: int,
     last: int,
@@ -192,13 +192,13 @@ def _apply(
         before, after = after, before
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _add(to: Grid, values: Grid, times: np.float32) -> None:
     for x in range(to.size):
         to[x] += times * values[x]
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _diagonal(y: int, weight: Grid, hold: Grid, diagonal: Grid) -> None:
     """Compute row y of the matrix's diagonal."""
     h, w = weight.shape
@@ -218,7 +218,7 @@ def _diagonal(y: int, weight: Grid, hold: Grid, diagonal: Grid) -> None:
         _add(diagonal, hold[1, y + 1], one)
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _start_row(
     diagonal: Grid, pull: Grid, product: Grid, residual: Grid, inverse: Grid, along: Grid
 ) -> np.float32:
@@ -233,7 +233,7 @@ def _start_row(
     return total
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _start(
     first: int,
     last: int,
@@ -253,7 +253,7 @@ def _start(
         parts[1, y] = _start_row(diagonal, pull[y], product[y], residual[y], inverse[y], along[y])
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _descend_row(step: np.float32, product: Grid, inverse: Grid, residual: Grid) -> np.float32:
     total = np.float32(0.0)
     for x in range(residual.size):
@@ -263,7 +263,7 @@ def _descend_row(step: np.float32, product: Grid, inverse: Grid, residual: Grid)
     return total
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _descend(
     first: int,
     last: int,
@@ -281,13 +281,13 @@ def _descend(
         parts[1, y] = _descend_row(step, product[y], inverse[y], residual[y])
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _turn_row(share: np.float32, residual: Grid, inverse: Grid, along: Grid) -> None:
     for x in range(along.size):
         along[x] = inverse[x] * residual[x] + share * along[x]
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _turn(
     first: int, last: int, share: np.float32, residual: Grid, inverse: Grid, along: Grid
 ) -> None:

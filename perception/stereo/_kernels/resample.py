@@ -7,10 +7,10 @@ bilinearly in between (error below 0.006 pixel for the lenses in use). No full-s
 from dataclasses import dataclass
 
 import cv2
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.compiled import njit
 from unwrinkle.perception._parallel import parallel_rows
 from unwrinkle.perception.camera import Camera
 
@@ -110,7 +110,7 @@ def _upsampled(
 # are read as one 32-bit word.
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _line(y: int, values: NDArray[np.float32], step: int, line: NDArray[np.float32]) -> None:
     """Interpolate the lattice at the pixels of row y."""
     i = y // step
@@ -123,7 +123,7 @@ def _line(y: int, values: NDArray[np.float32], step: int, line: NDArray[np.float
             line[j * step + k] = here + slope * np.float32(k)
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _place(
     columns: NDArray[np.float32],
     rows: NDArray[np.float32],
@@ -144,7 +144,7 @@ def _place(
         at[x] = (top - np.int32(1)) * np.int32(width) + left - np.int32(1)
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _take(
     words: NDArray[np.uint32], at: NDArray[np.int32], width: int, taps: NDArray[np.uint32]
 ) -> None:
@@ -154,7 +154,7 @@ def _take(
             row[x] = words[np.uint32(at[x]) + skip]
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _across(
     tap: NDArray[np.uint32], share: NDArray[np.float32], value: NDArray[np.float32]
 ) -> None:
@@ -175,7 +175,7 @@ def _across(
         )
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _down(
     values: NDArray[np.float32],
     share: NDArray[np.float32],
@@ -196,7 +196,7 @@ def _down(
         result[x] = np.uint8(np.int32(keep[x] * min(max(grey + half, zero), white)))
 
 
-@nb.njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _warp(
     first: int,
     last: int,

@@ -1,10 +1,10 @@
 """Bilinear upsampling of a disparity surface and its mask from cells to pixels."""
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.arrays import Grid
+from unwrinkle.models.compiled import njit
 from unwrinkle.perception._parallel import parallel_rows
 from unwrinkle.perception.stereo._kernels.normal_equations import upsample_row
 
@@ -26,13 +26,13 @@ def upsample_cells(
     return full, mask
 
 
-@nb.njit(nogil=True, cache=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def _cut_row(row: Grid, keep: Grid, full: Grid) -> None:
     for x in range(full.size):
         full[x] = row[x] * keep[x]
 
 
-@nb.njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _upsample(
     first: int,
     last: int,

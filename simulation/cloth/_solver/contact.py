@@ -1,9 +1,9 @@
 """Kernels of self-contact: search of close node-triangle pairs, and their separation."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from unwrinkle.models.compiled import njit
 from unwrinkle.simulation.cloth._solver.yarns import Rows
 from unwrinkle.simulation.cloth.layout import offset
 
@@ -15,7 +15,7 @@ OVERFLOW = -1
 MOST_CELLS = 64
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def _closest(
     ab: tuple[float, float, float],
     ac: tuple[float, float, float],
@@ -52,7 +52,7 @@ def _closest(
     return vb / area, vc / area
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def find_pairs(
     rows: Rows,
     nodes: NDArray[np.uint64],
@@ -157,7 +157,7 @@ def find_pairs(
     return found
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def separate(
     rows: Rows,
     triangles: NDArray[np.uint64],

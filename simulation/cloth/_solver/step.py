@@ -1,9 +1,9 @@
 """Kernels of a substep of the cloth solver, and the loop over substeps."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from unwrinkle.models.compiled import njit
 from unwrinkle.simulation.cloth._solver.contact import OVERFLOW, find_pairs, separate
 from unwrinkle.simulation.cloth._solver.yarns import (
     Rows,
@@ -36,7 +36,7 @@ _bend_rising = bending("bend_rising", "rest_rising", 1)
 _bend_falling = bending("bend_falling", "rest_falling", -1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _transpose(source: Rows, target: Rows, nx: int, ny: int, channels: NDArray[np.uint64]) -> None:
     """Copy channels of `source` (nx rows) to `target`, transposed."""
     block = 8
@@ -50,7 +50,7 @@ def _transpose(source: Rows, target: Rows, nx: int, ny: int, channels: NDArray[n
                         ]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _predict(
     rows: Rows, nx: int, ny: int, step: float, gravity: tuple[float, float, float]
 ) -> None:
@@ -71,7 +71,7 @@ def _predict(
             rows[_Z + o] = z + free * (rows[_VZ + o] + pull * gz)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _ground(
     rows: Rows,
     nx: int,
@@ -121,7 +121,7 @@ def _ground(
             rows[_Z + o] = pz + normal * nz_ + kept * tz if touches else z
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _velocities(
     rows: Rows, nx: int, ny: int, step: float, drag: float, viscosity: float, most: float
 ) -> None:
@@ -170,7 +170,7 @@ def _velocities(
             rows[_VZ + o] += viscosity * rows[_SZ + o]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _farthest(rows: Rows, nodes: NDArray[np.uint64], listed: NDArray[np.float64]) -> float:
     """Return the largest squared distance, m^2, of a node from its listed position (n, 3)."""
     most = 0.0
@@ -182,7 +182,7 @@ def _farthest(rows: Rows, nodes: NDArray[np.uint64], listed: NDArray[np.float64]
     return most
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def substeps(
     rows: Rows,
     turned: Rows,

@@ -6,9 +6,9 @@ Every function runs along the rows of the layout (`layout`) and vectorises over 
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from unwrinkle.models.compiled import njit
 from unwrinkle.simulation.cloth.layout import ROW, STRIDE, offset
 
 Rows = NDArray[np.float64]  # the layout's array, flat
@@ -36,7 +36,7 @@ def line_solver(channel: str, shift: int) -> Callable[[Rows, int, int, float], N
     compliance = offset(channel)
     down = U((ROW + shift) % 2**64)
 
-    @njit(cache=True, nogil=True, error_model="numpy")
+    @njit(nogil=True, error_model="numpy")
     def solve(rows: Rows, nx: int, ny: int, length: float) -> None:
         # The scratch beside the outermost springs is never written and stays zero.
         for i in range(1, nx):
@@ -98,7 +98,7 @@ def bending(
     rest = offset(memory)
     down = U((ROW + shift) % 2**64)
 
-    @njit(cache=True, nogil=True, error_model="numpy")
+    @njit(nogil=True, error_model="numpy")
     def bend(rows: Rows, nx: int, ny: int, slip: float, share: float) -> None:
         for i in range(2, nx):
             here = U(i) * _ROW
@@ -133,7 +133,7 @@ def bending(
     return bend
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def normals(rows: Rows, nx: int, ny: int) -> None:
     """Compute unit normals: cross product of i and j differences, one-sided at the border."""
     one = U(1)
@@ -159,7 +159,7 @@ def normals(rows: Rows, nx: int, ny: int) -> None:
             rows[_NZ + o] = z / length
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def effective_masses(rows: Rows, nx: int, ny: int, length: float, yarn_j: Rows) -> None:
     """Compute the effective masses that stabilise taut nodes against transverse oscillation.
 
