@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from unwrinkle.flattening import policy
-from unwrinkle.flattening.execution.executor import Executor
+from unwrinkle.flattening.execution import executor
 from unwrinkle.flattening.execution.state import (
     ExecutionFeedback,
     OperatorWishes,
@@ -64,7 +64,6 @@ class StateMachine:
         """
         self._rules, self._settings, self._gaze_at = rules, settings, gaze_at
         self._approve = approve
-        self._executor = Executor(settings.execution)
         self._states = {
             Mode.LOOK: self._look,
             Mode.PERCEIVE: self._perceive,
@@ -87,7 +86,7 @@ class StateMachine:
 
     def _look(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
         if not now.sent:
-            if not self._executor.at_rest(_of_arms(feedback)):
+            if not self._settings.execution.at_rest(_of_arms(feedback)):
                 if feedback.time - now.since > self._settings.execution.rest:
                     return fault(now, "the arms did not come to rest for a look", feedback)
                 return now
@@ -190,7 +189,7 @@ class StateMachine:
             reason = f"not verified: {verified.verdict.violations[0].message}"
             return self._refused(now, feedback, reason)
         start = plan.segments[0].trajectory.positions[0]
-        if not self._executor.at(_of_arms(feedback), start):
+        if not self._settings.execution.at(_of_arms(feedback), start):
             off = float(np.abs(feedback.positions() - start).max())
             if now.replans >= self._settings.replans:
                 return fault(
@@ -221,13 +220,14 @@ class StateMachine:
         self, now: SupervisorState, feedback: Feedback, plan: FlatteningPlan
     ) -> SupervisorState:
         """Enter the first step of a confirmed plan."""
-        execution = self._executor.begin(now.execution, plan, feedback.time)
+        execution = executor.begin(now.execution, plan, feedback.time)
         return entered(replace(now, execution=execution), Mode.MOVE, feedback)
 
     def _carry_out(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
         """Step the executor; at its end, look again or end the run."""
         wishes = OperatorWishes(stop="interrupted" if feedback.interrupted else "")
-        execution = self._executor.step(now.execution, _of_arms(feedback), wishes)
+        settings = self._settings.execution
+        execution = executor.step(settings, now.execution, _of_arms(feedback), wishes)
         if execution is now.execution:
             return now
         if execution.records is not now.execution.records:
@@ -288,7 +288,7 @@ class StateMachine:
 
     def _hold(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
         """End an interrupted run once the arms are at rest; no motion is under way."""
-        rests = self._executor.at_rest(_of_arms(feedback))
+        rests = self._settings.execution.at_rest(_of_arms(feedback))
         if not rests and feedback.time - now.since <= self._settings.execution.rest:
             return now
         return self._interrupted(now, feedback, rests=rests)

@@ -1,4 +1,4 @@
-from .executor import Executor as Executor
+from .executor import begin as begin, step as step
 from .settings import ExecutionSettings as ExecutionSettings, LostCloth as LostCloth
 from .state import (
     ExecutionFeedback as ExecutionFeedback,

@@ -9,8 +9,8 @@ ends in a stop: the arms brake along the path and come to rest, and nothing move
 """
 
 import logging
-from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -27,9 +27,8 @@ from unwrinkle.flattening.execution.state import (
     Outcome,
     Phase,
 )
-from unwrinkle.flattening.execution.steps import StepRecord, steps_back, steps_of
+from unwrinkle.flattening.execution.steps import Step, StepRecord, steps_back, steps_of
 from unwrinkle.flattening.station_messages import GripperCommand
-from unwrinkle.models.arrays import Array
 from unwrinkle.planning.motion_mode import MotionMode
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.trajectory import Trajectory
@@ -37,396 +36,355 @@ from unwrinkle.planning.trajectory import Trajectory
 ARMS = ("right", "left")
 #: Reason of a hold by the dead-man key.
 DEAD_MAN_RELEASED = "dead-man key released"
-NO_WISHES = OperatorWishes()
+_NO_REASON = "it gives no reason"
+_NO_WISHES = OperatorWishes()
 
 _log = logging.getLogger(__name__)
 
-_Handler = Callable[[ExecutionState, ExecutionFeedback], ExecutionState]
+
+def begin(before: ExecutionState, plan: FlatteningPlan, time: float) -> ExecutionState:
+    """Return the state in which a verified plan begins; the first step commands it.
+
+    Args:
+        before: last state, whose numbers and speed go on.
+        plan: plan that was verified from where the robot is.
+        time: of the caller's clock, s.
+
+    Raises:
+        InputError: the approach of the plan cannot be run backwards.
+    """
+    right, left = plan.arms
+    return ExecutionState(
+        phase=Phase.WAITING,
+        steps=steps_of(plan),
+        back=steps_back(plan),
+        arms=(right is not None, left is not None),
+        since=time,
+        motion=before.motion,
+        gripper=before.gripper,
+        speed=before.speed,
+        closed=plan.segments[0].closed,
+    )
 
 
-class Executor:
-    """The rules by which an `ExecutionState` changes."""
+def step(
+    settings: ExecutionSettings,
+    before: ExecutionState,
+    feedback: ExecutionFeedback,
+    wishes: OperatorWishes = _NO_WISHES,
+) -> ExecutionState:
+    """Return the next state of an execution; the same object where nothing has changed.
 
-    def __init__(self, settings: ExecutionSettings) -> None:
-        """Use tolerances, deadlines and reactions."""
-        self.settings = settings
-        self._phases: dict[Phase, _Handler] = {
+    Args:
+        settings: tolerances, deadlines and reactions.
+        before: present state.
+        feedback: newest feedback.
+        wishes: of the operator, since the last step.
+
+    Raises:
+        InputError: the speed is not permitted.
+    """
+    if not before.running:
+        return before
+    return _Transition(settings, before, feedback).following(wishes)
+
+
+class _Transition:
+    """One step: `now` begins as the present state and ends as the next one."""
+
+    def __init__(
+        self, settings: ExecutionSettings, before: ExecutionState, feedback: ExecutionFeedback
+    ) -> None:
+        self.now = replace(before, events=()) if before.events else before
+        self._settings, self._feedback, self._time = settings, feedback, feedback.time
+        self._status, self._grippers = feedback.controller, feedback.grippers
+        self._rests = settings.at_rest(feedback)
+
+    def following(self, wishes: OperatorWishes) -> ExecutionState:
+        """Return the next state."""
+        self._grant(wishes)
+        if self.now.ending is None and self._status.state == MotionMode.FAULT:
+            self._fail(f"the controller is in fault: {self._status.reason or _NO_REASON}")
+        {
             Phase.WAITING: self._wait,
             Phase.MOVING: self._move,
             Phase.GRIPPING: self._grip,
             Phase.STOPPING: self._come_to_rest,
             Phase.OPENING: self._open,
-        }
+        }[self.now.phase]()
+        return self.now
 
-    def begin(self, before: ExecutionState, plan: FlatteningPlan, time: float) -> ExecutionState:
-        """Return the state in which a verified plan begins; the first step commands it.
+    @property
+    def _step(self) -> Step:
+        return self.now.steps[0]
 
-        Args:
-            before: last state, whose numbers and speed go on.
-            plan: plan that was verified from where the robot is.
-            time: of the caller's clock, s.
+    def _set(self, **changes: Any) -> None:
+        self.now = replace(self.now, **changes)
 
-        Raises:
-            InputError: the approach of the plan cannot be run backwards.
-        """
-        right, left = plan.arms
-        return ExecutionState(
-            phase=Phase.WAITING,
-            steps=steps_of(plan),
-            back=steps_back(plan),
-            arms=(right is not None, left is not None),
-            since=time,
-            motion=before.motion,
-            gripper=before.gripper,
-            speed=before.speed,
-            closed=plan.segments[0].closed,
-        )
-
-    def step(
-        self,
-        before: ExecutionState,
-        feedback: ExecutionFeedback,
-        wishes: OperatorWishes = NO_WISHES,
-    ) -> ExecutionState:
-        """Return the next state; the same object where nothing has changed.
-
-        Args:
-            before: present state.
-            feedback: newest feedback.
-            wishes: of the operator, since the last step.
-
-        Raises:
-            InputError: the speed is not permitted.
-        """
-        if not before.running:
-            return before
-        now = replace(before, events=()) if before.events else before
-        if wishes is not NO_WISHES:
-            now = self._wished(now, feedback, wishes)
-        if now.ending is None and feedback.controller.state == MotionMode.FAULT:
-            reason = feedback.controller.reason or "it gives no reason"
-            now = self._fail(now, feedback, f"the controller is in fault: {reason}")
-        return self._phases[now.phase](now, feedback)
-
-    def at_rest(self, feedback: ExecutionFeedback) -> bool:
-        """Return whether every axis is known to be at rest."""
-        known = feedback.age <= self.settings.settle
-        return known and bool(np.abs(feedback.velocities).max() <= self.settings.rest_speed)
-
-    def at(self, feedback: ExecutionFeedback, positions: Array) -> bool:
-        """Return whether every axis is at a point (A,), rad."""
-        off = np.abs(feedback.positions - positions)
-        return bool((off <= self.settings.position_tolerance).all())
+    def _note(self, kind: str, text: str, **data: object) -> None:
+        """Add an event for the log."""
+        self._set(events=(*self.now.events, ExecutionEvent(kind, text, data)))
 
     # Wishes
 
-    def _wished(
-        self, now: ExecutionState, feedback: ExecutionFeedback, wishes: OperatorWishes
-    ) -> ExecutionState:
+    def _grant(self, wishes: OperatorWishes) -> None:
         if wishes.alive:
-            now = replace(now, alive_at=feedback.time)
+            self._set(alive_at=self._time)
         if wishes.speed is not None:
-            self.settings.check_speed(wishes.speed)
-            text = f"{wishes.speed:g} of the planned speed"
-            now = replace(now, speed=wishes.speed, allowed_from=feedback.time)
-            now = _noted(now, "speed", text)
+            self._settings.check_speed(wishes.speed)
+            self._set(speed=wishes.speed, allowed_from=self._time)
+            self._note("speed", f"{wishes.speed:g} of the planned speed")
         if wishes.fail:
-            return self._end(now, feedback, Outcome.FAILED, wishes.fail)
-        if wishes.stop:
-            return self._end(now, feedback, Outcome.STOPPED, wishes.stop)
-        if now.ending is None and wishes.hold:
-            return self._hold(now, feedback, wishes.hold)
-        if now.ending is None and wishes.resume and now.held:
-            return self._resume(now, feedback)
-        return now
+            self._end(Outcome.FAILED, wishes.fail)
+        elif wishes.stop:
+            self._end(Outcome.STOPPED, wishes.stop)
+        elif self.now.ending is None and wishes.hold:
+            self._hold(wishes.hold)
+        elif self.now.ending is None and wishes.resume and self.now.held:
+            self._resume()
 
-    def _hold(
-        self,
-        now: ExecutionState,
-        feedback: ExecutionFeedback,
-        reason: str,
-        *,
-        released: bool = False,
-    ) -> ExecutionState:
-        if now.held:
-            # The operator's hold outlasts a press of the dead-man key.
-            return replace(now, held=reason, released=False) if now.released else now
-        now = _noted(replace(now, held=reason, released=released), "hold", reason)
-        return self._command(now, feedback, MotionKind.HOLD) if now.phase == Phase.MOVING else now
+    def _hold(self, reason: str, *, released: bool = False) -> None:
+        if self.now.held:
+            if self.now.released:  # the operator's hold outlasts a press of the dead-man key
+                self._set(held=reason, released=False)
+            return
+        self._set(held=reason, released=released)
+        self._note("hold", reason)
+        if self.now.phase == Phase.MOVING:
+            self._command(MotionKind.HOLD)
 
-    def _resume(self, now: ExecutionState, feedback: ExecutionFeedback) -> ExecutionState:
-        now = _noted(now, "resume", f"after: {now.held}")
-        now = replace(now, held="", released=False)
-        if now.phase == Phase.MOVING:
-            now = replace(now, allowed_from=feedback.time)
-            return self._command(now, feedback, MotionKind.RESUME)
-        return replace(now, since=feedback.time) if now.phase == Phase.WAITING else now
+    def _resume(self) -> None:
+        self._note("resume", f"after: {self.now.held}")
+        self._set(held="", released=False)
+        if self.now.phase == Phase.MOVING:
+            self._command(MotionKind.RESUME)
+            self._set(allowed_from=self._time)
+        elif self.now.phase == Phase.WAITING:
+            self._set(since=self._time)
 
-    def _pressed(self, now: ExecutionState, feedback: ExecutionFeedback) -> bool:
-        return feedback.time - now.alive_at <= self.settings.dead_man_timeout
+    def _pressed(self) -> bool:
+        return self._time - self.now.alive_at <= self._settings.dead_man_timeout
 
     # Steps of the plan
 
-    def _wait(self, now: ExecutionState, feedback: ExecutionFeedback) -> ExecutionState:
+    def _wait(self) -> None:
         """Command a step once the arms are at rest, a segment from its start."""
-        if now.held:
-            return now
-        step, trajectory = now.steps[0], now.steps[0].trajectory
-        if trajectory is not None and self.settings.dead_man and not self._pressed(now, feedback):
-            return replace(now, since=feedback.time)
-        there = trajectory is None or self.at(feedback, trajectory.positions[0])
-        if not there or not self.at_rest(feedback):
-            if feedback.time - now.since <= self.settings.rest:
-                return now
-            why = "the arms did not come to rest"
-            if trajectory is not None and not there:
-                off = np.abs(feedback.positions - trajectory.positions[0])
-                axis = int(np.argmax(off - self.settings.position_tolerance))
-                most = np.broadcast_to(self.settings.position_tolerance, off.shape)[axis]
-                why = f"axis {axis} is {off[axis]:.5f} rad off its start, at most {most:g} rad"
-            return self._fail(now, feedback, f"it was not sent: {why}")
+        if self.now.held:
+            return
+        trajectory = self._step.trajectory
+        if trajectory is not None and self._settings.dead_man and not self._pressed():
+            self._set(since=self._time)
+            return
+        there = trajectory is None or self._settings.at(self._feedback, trajectory.positions[0])
+        if not there or not self._rests:
+            if self._time - self.now.since > self._settings.rest:
+                self._not_sent(None if there else trajectory)
+        elif trajectory is not None:
+            self._command(MotionKind.RUN, trajectory)
+            self._set(phase=Phase.MOVING, begun=self.now.motion.number)
+            self._set(since=self._time, allowed_from=self._time)
+        else:
+            strokes = [
+                f"{arm} {'closes' if closed else 'opens'}"
+                for arm, closed, before in zip(
+                    ARMS, self._step.closed, self.now.closed, strict=True
+                )
+                if closed != before
+            ]
+            self._stroke(self._step.closed, " and ".join(strokes), Phase.GRIPPING)
+
+    def _not_sent(self, trajectory: Trajectory | None) -> None:
+        """Fail away from the start of a trajectory, or because the arms move."""
+        why = "the arms did not come to rest"
         if trajectory is not None:
-            now = self._command(now, feedback, MotionKind.RUN, trajectory)
-            return replace(
-                now,
-                phase=Phase.MOVING,
-                begun=now.motion.number,
-                since=feedback.time,
-                allowed_from=feedback.time,
-            )
-        strokes = [
-            f"{arm} {'closes' if closed else 'opens'}"
-            for arm, closed, before in zip(ARMS, step.closed, now.closed, strict=True)
-            if closed != before
-        ]
-        return self._stroke(now, feedback, step.closed, " and ".join(strokes), Phase.GRIPPING)
+            off = np.abs(self._feedback.positions - trajectory.positions[0])
+            tolerance = np.broadcast_to(self._settings.position_tolerance, off.shape)
+            axis = int(np.argmax(off - tolerance))
+            why = f"axis {axis} is {off[axis]:.5f} rad off its start, at most {tolerance[axis]:g}"
+        self._fail(f"it was not sent: {why}")
 
-    def _move(self, now: ExecutionState, feedback: ExecutionFeedback) -> ExecutionState:
-        if any(now.steps[0].closed) and feedback.grippers is not None:
-            lost = self._empty(now, feedback, now.steps[0].closed)
-            reason = feedback.grippers.reason
-            if not reason and lost and self.settings.lost_cloth == LostCloth.STOP:
-                reason = f"the {lost} gripper lost the cloth"
-            if reason:
-                return self._fail(now, feedback, reason, open_grippers=True)
-        if self.settings.dead_man and not now.held and not self._pressed(now, feedback):
-            return self._hold(now, feedback, DEAD_MAN_RELEASED, released=True)
-        status, settings = feedback.controller, self.settings
-        if status.command < now.motion.number:
-            if feedback.time - now.asked <= settings.answer:
-                return now
-            text = f"the controller did not answer within {settings.answer:g} s"
-            return self._fail(now, feedback, text)
-        if not now.held and status.state in (MotionMode.HOLDING, MotionMode.HELD):
-            reason = status.reason or "it gives no reason"
-            if not settings.attended:
-                return self._fail(now, feedback, f"the controller holds: {reason}")
-            return _noted(replace(now, held=reason), "hold", reason)
-        if now.held:
+    def _move(self) -> None:
+        status, settings = self._status, self._settings
+        if trouble := self._gripper_trouble():
+            self._fail(trouble, open_grippers=True)
+        elif settings.dead_man and not self.now.held and not self._pressed():
+            self._hold(DEAD_MAN_RELEASED, released=True)
+        elif status.command < self.now.motion.number:
+            if self._time - self.now.asked > settings.answer:
+                self._fail(f"the controller did not answer within {settings.answer:g} s")
+        elif self.now.held:
             resting = status.state in (MotionMode.HELD, MotionMode.IDLE)
-            if now.released and resting and self._pressed(now, feedback):
-                return self._resume(now, feedback)
-            return now
-        if status.state == MotionMode.IDLE:
-            return self._motion_ended(now, feedback)
-        return self._overdue(now, feedback)
+            if self.now.released and resting and self._pressed():
+                self._resume()
+        elif status.state in (MotionMode.HOLDING, MotionMode.HELD):
+            reason = status.reason or _NO_REASON
+            if settings.attended:
+                self._set(held=reason)
+                self._note("hold", reason)
+            else:
+                self._fail(f"the controller holds: {reason}")
+        elif status.state == MotionMode.IDLE:
+            self._motion_ended()
+        else:
+            self._overdue()
 
-    def _motion_ended(self, now: ExecutionState, feedback: ExecutionFeedback) -> ExecutionState:
-        """Go on from a motion that the controller reports as completed, held or refused."""
-        status, trajectory = feedback.controller, now.steps[0].trajectory
-        assert trajectory is not None
-        if status.completed < now.begun:
-            reason = status.reason or "it gives no reason"
-            return self._fail(now, feedback, f"the controller refused the motion: {reason}")
-        if self.at(feedback, trajectory.positions[-1]):
-            lost = self._empty(now, feedback, now.steps[0].closed)
-            if lost and not now.missed:
-                text = f"the {lost} gripper lost the cloth during the {now.steps[0].name}"
-                _log.warning(text)
-                now = replace(now, missed=text)
-            return self._done(now, now.begun, feedback)
-        if now.motion.number > now.begun and self.at(feedback, trajectory.positions[0]):
-            return replace(now, phase=Phase.WAITING, since=feedback.time)  # held before it began
-        reason = status.reason or "the motion ended away from its last point"
-        return self._fail(now, feedback, reason)
-
-    def _overdue(self, now: ExecutionState, feedback: ExecutionFeedback) -> ExecutionState:
-        trajectory, settings = now.steps[0].trajectory, self.settings
-        assert trajectory is not None
-        waited = feedback.time - now.allowed_from
-        most = settings.motion * trajectory.duration / now.speed
-        if waited <= most + settings.start_delay + settings.answer:
-            return now
-        text = f"not finished after {waited:.1f} s, planned were {trajectory.duration:.1f} s"
-        return self._fail(now, feedback, text)
-
-    def _grip(self, now: ExecutionState, feedback: ExecutionFeedback) -> ExecutionState:
-        step, waited, status = now.steps[0], feedback.time - now.since, feedback.grippers
-        if status is not None and status.command < now.gripper.number:
-            if not status.reason and waited <= self.settings.gripper:
-                return now
-            reason = status.reason or f"not finished after {waited:.1f} s"
-            reason = f"the grippers did not {step.name}: {reason}"
-            return self._fail(now, feedback, reason, open_grippers=True, named=False)
-        if waited < step.dwell:
-            return now
-        if status is not None and status.closed != step.closed:
-            text = f"the grippers report {step.name} as done, but are {status.closed}"
-            return self._fail(now, feedback, text, open_grippers=True, named=False)
-        empty = self._empty(now, feedback, step.closed)
-        now = self._done(now, now.gripper.number, feedback)
-        if not empty:
-            return now
-        text = f"the {empty} gripper closed on nothing"
-        _log.warning(text)
-        return replace(now, steps=now.back, missed=text)
-
-    def _empty(
-        self, now: ExecutionState, feedback: ExecutionFeedback, closed: tuple[bool, bool]
-    ) -> str:
-        """Return the closed grippers of participating arms that report no cloth; empty for none."""
-        if feedback.grippers is None:
+    def _gripper_trouble(self) -> str:
+        """Return why the grippers end a segment in which they are closed; empty if they do not."""
+        if self._grippers is None or not any(self._step.closed):
             return ""
-        held = feedback.grippers.holding
-        empty = [
-            name
-            for name, arm, shut, holds in zip(ARMS, now.arms, closed, held, strict=True)
-            if arm and shut and not holds
-        ]
-        return " and the ".join(empty)
+        lost = self._empty()
+        if lost and not self._grippers.reason and self._settings.lost_cloth == LostCloth.STOP:
+            return f"the {lost} gripper lost the cloth"
+        return self._grippers.reason
 
-    def _done(
-        self, now: ExecutionState, number: int, feedback: ExecutionFeedback
-    ) -> ExecutionState:
-        """Record the present step, and wait for the next one or end."""
-        step, *rest = now.steps
-        record = StepRecord(step.name, number, now.since, feedback.time)
-        now = replace(
-            now,
-            steps=tuple(rest),
-            records=(*now.records, record),
-            closed=step.closed,
-            phase=Phase.WAITING,
-            since=feedback.time,
+    def _motion_ended(self) -> None:
+        """Go on from a motion that the controller reports as completed, held or refused."""
+        status, trajectory = self._status, self._step.trajectory
+        assert trajectory is not None
+        if status.completed < self.now.begun:
+            self._fail(f"the controller refused the motion: {status.reason or _NO_REASON}")
+        elif self._settings.at(self._feedback, trajectory.positions[-1]):
+            if (lost := self._empty()) and not self.now.missed:
+                self._miss(f"the {lost} gripper lost the cloth during the {self._step.name}")
+            self._done(self.now.begun)
+        elif self.now.motion.number > self.now.begun and self._settings.at(
+            self._feedback, trajectory.positions[0]
+        ):
+            self._set(phase=Phase.WAITING, since=self._time)  # it was held before it began
+        else:
+            self._fail(status.reason or "the motion ended away from its last point")
+
+    def _overdue(self) -> None:
+        trajectory, settings = self._step.trajectory, self._settings
+        assert trajectory is not None
+        waited, planned = self._time - self.now.allowed_from, trajectory.duration
+        most = settings.motion * planned / self.now.speed + settings.start_delay + settings.answer
+        if waited > most:
+            self._fail(f"not finished after {waited:.1f} s, planned were {planned:.1f} s")
+
+    def _grip(self) -> None:
+        waited, status, name = self._time - self.now.since, self._grippers, self._step.name
+        if status is not None and status.command < self.now.gripper.number:
+            if status.reason or waited > self._settings.gripper:
+                reason = status.reason or f"not finished after {waited:.1f} s"
+                text = f"the grippers did not {name}: {reason}"
+                self._fail(text, open_grippers=True, named=False)
+        elif waited >= self._step.dwell:
+            if status is not None and status.closed != self._step.closed:
+                text = f"the grippers report {name} as done, but are {status.closed}"
+                self._fail(text, open_grippers=True, named=False)
+                return
+            empty = self._empty()
+            self._done(self.now.gripper.number)
+            if empty:
+                self._miss(f"the {empty} gripper closed on nothing")
+                self._set(steps=self.now.back)
+
+    def _empty(self) -> str:
+        """Return the closed grippers of participating arms that report no cloth; empty for none."""
+        if self._grippers is None:
+            return ""
+        columns = (ARMS, self.now.arms, self._step.closed, self._grippers.holding)
+        return " and the ".join(
+            name
+            for name, arm, closed, holds in zip(*columns, strict=True)
+            if arm and closed and not holds
         )
-        if rest:
-            return now
-        return self._end(now, feedback, Outcome.MISSED if now.missed else Outcome.DONE, now.missed)
+
+    def _miss(self, reason: str) -> None:
+        _log.warning(reason)
+        self._set(missed=reason)
+
+    def _done(self, number: int) -> None:
+        """Record the present step, and wait for the next one or end."""
+        now, rest = self.now, self.now.steps[1:]
+        record = StepRecord(self._step.name, number, now.since, self._time)
+        records, closed = (*now.records, record), self._step.closed
+        self._set(records=records, closed=closed, phase=Phase.WAITING, since=self._time, steps=rest)
+        if not rest:
+            self._end(Outcome.MISSED if now.missed else Outcome.DONE, now.missed)
 
     # The end
 
-    def _fail(
-        self,
-        now: ExecutionState,
-        feedback: ExecutionFeedback,
-        reason: str,
-        *,
-        open_grippers: bool = False,
-        named: bool = True,
-    ) -> ExecutionState:
+    def _fail(self, reason: str, *, open_grippers: bool = False, named: bool = True) -> None:
         """Stop and end as failed."""
-        text = f"{now.steps[0].name}: {reason}" if named else reason
-        text = f"{now.missed}; {text}" if now.missed else text
-        return self._end(now, feedback, Outcome.FAILED, text, open_grippers=open_grippers)
+        text = f"{self._step.name}: {reason}" if named else reason
+        text = f"{self.now.missed}; {text}" if self.now.missed else text
+        self._end(Outcome.FAILED, text, open_grippers=open_grippers)
 
-    def _end(
-        self,
-        now: ExecutionState,
-        feedback: ExecutionFeedback,
-        outcome: Outcome,
-        reason: str,
-        *,
-        open_grippers: bool = False,
-    ) -> ExecutionState:
+    def _end(self, outcome: Outcome, reason: str, *, open_grippers: bool = False) -> None:
         """Come to rest, then end; the first reason is kept, unless the plan was done."""
+        now = self.now
         if now.ending is not None:
-            if now.ending.outcome != Outcome.DONE:
-                return now
-            now = _noted(now, "end", reason, outcome=outcome)
-            return replace(now, ending=Ending(outcome, reason))
-        now = _noted(now, "end", reason or outcome, outcome=outcome)
-        now = replace(now, ending=Ending(outcome, reason, open_grippers), held="", released=False)
-        complete = outcome in (Outcome.DONE, Outcome.MISSED)
-        if complete and not self.settings.leave_mode:
-            return self._finish(now, outcome, reason)
-        if now.phase == Phase.MOVING or self.settings.leave_mode:
-            now = self._command(now, feedback, MotionKind.STOP, reason=reason or "the plan is done")
-        return replace(now, phase=Phase.STOPPING, since=feedback.time)
+            if now.ending.outcome == Outcome.DONE:
+                self._note("end", reason, outcome=outcome)
+                self._set(ending=Ending(outcome, reason))
+            return
+        self._note("end", reason or outcome, outcome=outcome)
+        self._set(ending=Ending(outcome, reason, open_grippers), held="", released=False)
+        if outcome in (Outcome.DONE, Outcome.MISSED) and not self._settings.leave_mode:
+            self._finish(outcome, reason)
+            return
+        if now.phase == Phase.MOVING or self._settings.leave_mode:
+            self._command(MotionKind.STOP, reason=reason or "the plan is done")
+        self._set(phase=Phase.STOPPING, since=self._time)
 
-    def _come_to_rest(self, now: ExecutionState, feedback: ExecutionFeedback) -> ExecutionState:
-        ending, status, settings = now.ending, feedback.controller, self.settings
+    def _come_to_rest(self) -> None:
+        ending, status, settings = self.now.ending, self._status, self._settings
         assert ending is not None
-        waited, rests = feedback.time - now.since, self.at_rest(feedback)
+        waited = self._time - self.now.since
         if status.state == MotionMode.FAULT:
             # The execution follows the robot to rest, so that the log is complete.
-            known = feedback.age <= settings.settle
-            if waited < settings.settle and known and not rests:
-                return now
+            known = self._feedback.age <= settings.settle
+            if waited < settings.settle and known and not self._rests:
+                return
             if ending.outcome in (Outcome.DONE, Outcome.MISSED):
                 reason = status.reason or "the controller is in fault"
                 text = f"{ending.reason}; {reason}" if ending.reason else reason
-                return self._finish(now, Outcome.FAILED, text)
+                self._finish(Outcome.FAILED, text)
+                return
         else:
-            answered = status.command >= now.motion.number or waited > settings.answer
-            if not (answered and rests and status.state == MotionMode.IDLE):
-                if waited <= settings.brake:
-                    return now
-                text = f"the robot did not come to rest within {settings.brake:g} s"
-                return self._finish(now, Outcome.FAILED, f"{ending.reason}; {text}")
-        if not ending.open_grippers or feedback.grippers is None:
-            return self._finish(now, ending.outcome, ending.reason)
-        if not rests:
+            answered = status.command >= self.now.motion.number or waited > settings.answer
+            if not (answered and self._rests and status.state == MotionMode.IDLE):
+                if waited > settings.brake:
+                    text = f"the robot did not come to rest within {settings.brake:g} s"
+                    self._finish(Outcome.FAILED, f"{ending.reason}; {text}")
+                return
+        if not ending.open_grippers or self._grippers is None:
+            self._finish(ending.outcome, ending.reason)
+        elif self._rests:
+            self._stroke((False, False), "both open", Phase.OPENING)
+        else:
             text = "the grippers were not opened: it is not known that the arms are at rest"
-            return self._finish(now, ending.outcome, f"{ending.reason}; {text}")
-        return self._stroke(now, feedback, (False, False), "both open", Phase.OPENING)
+            self._finish(ending.outcome, f"{ending.reason}; {text}")
 
-    def _open(self, now: ExecutionState, feedback: ExecutionFeedback) -> ExecutionState:
+    def _open(self) -> None:
         """Wait until the grippers are open, then end."""
-        ending = now.ending
-        assert ending is not None and feedback.grippers is not None
-        opened = feedback.grippers.command >= now.gripper.number
-        if not opened and feedback.time - now.since <= self.settings.gripper:
-            return now
-        what = "both grippers are open" if opened else "the grippers did not open"
-        return self._finish(now, ending.outcome, f"{ending.reason}; {what}, the arms are at rest")
+        ending = self.now.ending
+        assert ending is not None and self._grippers is not None
+        opened = self._grippers.command >= self.now.gripper.number
+        if opened or self._time - self.now.since > self._settings.gripper:
+            what = "both grippers are open" if opened else "the grippers did not open"
+            self._finish(ending.outcome, f"{ending.reason}; {what}, the arms are at rest")
 
-    def _finish(self, now: ExecutionState, outcome: Outcome, reason: str) -> ExecutionState:
-        now = _noted(now, "result", reason or outcome, outcome=outcome)
-        result = ExecutionResult(outcome, reason, now.finished)
-        return replace(now, phase=Phase.IDLE, steps=(), result=result)
+    def _finish(self, outcome: Outcome, reason: str) -> None:
+        self._note("result", reason or outcome, outcome=outcome)
+        result = ExecutionResult(outcome, reason, self.now.finished)
+        self._set(phase=Phase.IDLE, steps=(), result=result)
 
     # Commands
 
     def _command(
-        self,
-        now: ExecutionState,
-        feedback: ExecutionFeedback,
-        kind: MotionKind,
-        trajectory: Trajectory | None = None,
-        *,
-        reason: str = "",
-    ) -> ExecutionState:
-        name = now.steps[0].name if now.steps else ""
-        number = now.motion.number + 1
+        self, kind: MotionKind, trajectory: Trajectory | None = None, *, reason: str = ""
+    ) -> None:
+        name = self._step.name if self.now.steps else ""
+        number = self.now.motion.number + 1
         if kind == MotionKind.RUN:
-            now = _noted(now, "segment", name, number=number)
+            self._note("segment", name, number=number)
         motion = MotionCommand(number, kind, name, trajectory, reason)
-        return replace(now, motion=motion, asked=feedback.time)
+        self._set(motion=motion, asked=self._time)
 
-    def _stroke(
-        self,
-        now: ExecutionState,
-        feedback: ExecutionFeedback,
-        closed: tuple[bool, bool],
-        text: str,
-        phase: Phase,
-    ) -> ExecutionState:
-        number = now.gripper.number + 1
-        now = _noted(now, "gripper", text, number=number, closed=list(closed))
-        command = GripperCommand(number, closed)
-        return replace(now, gripper=command, phase=phase, since=feedback.time)
-
-
-def _noted(now: ExecutionState, kind: str, text: str, **data: object) -> ExecutionState:
-    """Add an event for the log."""
-    return replace(now, events=(*now.events, ExecutionEvent(kind, text, data)))
+    def _stroke(self, closed: tuple[bool, bool], text: str, phase: Phase) -> None:
+        number = self.now.gripper.number + 1
+        self._note("gripper", text, number=number, closed=list(closed))
+        self._set(gripper=GripperCommand(number, closed), phase=phase, since=self._time)

@@ -7,6 +7,8 @@ from enum import StrEnum
 
 import numpy as np
 
+from unwrinkle.flattening.execution.state import ExecutionFeedback
+from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.site import Site
 from unwrinkle.planning.arrival import ARRIVED_POSITION_RAD, ARRIVED_SPEED_RAD_S
@@ -100,6 +102,16 @@ class ExecutionSettings:
             lost_cloth=LostCloth.STOP,
             leave_mode=True,
         )
+
+    def at_rest(self, feedback: ExecutionFeedback) -> bool:
+        """Return whether every axis is known to be at rest."""
+        known = feedback.age <= self.settle
+        return known and bool(np.abs(feedback.velocities).max() <= self.rest_speed)
+
+    def at(self, feedback: ExecutionFeedback, positions: Array) -> bool:
+        """Return whether every axis is at a point (A,), rad."""
+        off = np.abs(feedback.positions - positions)
+        return bool((off <= self.position_tolerance).all())
 
     def check_speed(self, speed: float) -> None:
         """Refuse a share of the planned speed.

@@ -12,7 +12,7 @@ import pytest
 import unwrinkle as uw
 from unwrinkle import cli
 from unwrinkle.benchmarks._faults_station import Script, run_loop
-from unwrinkle.flattening.execution.executor import Executor
+from unwrinkle.flattening.execution import executor
 from unwrinkle.flattening.flattener import Choice, NoChoice, choose
 from unwrinkle.flattening.observation import GarmentFeatures, WrinkleFeatures
 from unwrinkle.flattening.policy import PolicyState
@@ -59,13 +59,13 @@ def test_command_line_library_and_diagram_agree(
         return looks[number - 1]
 
     executed: list[uw.FlatteningPlan] = []
-    begin = Executor.begin
+    begin = executor.begin
 
-    def recorded(self: Executor, before: Any, plan: uw.FlatteningPlan, time: float) -> Any:
+    def recorded(before: Any, plan: uw.FlatteningPlan, time: float) -> Any:
         executed.append(plan)
-        return begin(self, before, plan, time)
+        return begin(before, plan, time)
 
-    monkeypatch.setattr(Executor, "begin", recorded)
+    monkeypatch.setattr(executor, "begin", recorded)
     run_loop(Script(look), cell=cell)
     (in_the_diagram,) = executed
     assert in_the_diagram.target.to_json() == proposal.plan.target.to_json()

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from unwrinkle.flattening.execution.executor import Executor
+from unwrinkle.flattening.execution import executor
 from unwrinkle.flattening.execution.settings import ExecutionSettings
 from unwrinkle.flattening.execution.state import (
     ExecutionFeedback,
@@ -78,7 +78,7 @@ class PlanExecutor:
         """
         settings.check_speed(speed)
         self._driver, self._grippers, self._plan = driver, grippers, plan
-        self._settings, self._executor = settings, Executor(settings)
+        self._settings = settings
         self._log: RunLogger = NoLog() if log is None else log
         self._log_lost = False
         self._wishes = OperatorWishes()
@@ -88,7 +88,7 @@ class PlanExecutor:
             gripper=GripperCommand(stroke),
             speed=speed,
         )
-        self.state = self._executor.begin(numbers, plan, 0.0)
+        self.state = executor.begin(numbers, plan, 0.0)
         driver.set_override(speed)
 
     @property
@@ -162,10 +162,10 @@ class PlanExecutor:
             self._polled, self.state = True, replace(self.state, since=now)
         before, feedback, wishes = self.state, self._feedback(now), self._wishes
         self._wishes = OperatorWishes()
-        following = self._executor.step(before, feedback, wishes)
+        following = executor.step(self._settings, before, feedback, wishes)
         if problem := self._written(now, following):
             wishes = replace(wishes, fail=problem)
-            following = self._executor.step(before, feedback, wishes)
+            following = executor.step(self._settings, before, feedback, wishes)
             self._written(now, following)
         self.state = following
         self._send(before, following)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from unwrinkle.flattening.execution.executor import Executor
+from unwrinkle.flattening.execution import executor
 from unwrinkle.flattening.execution.settings import ExecutionSettings
 from unwrinkle.flattening.execution.state import (
     ExecutionFeedback,
@@ -131,19 +131,19 @@ class ModelRun:
     """One execution with the model robot."""
 
     def __init__(self, settings: ExecutionSettings, *, grippers: bool = True) -> None:
-        self.executor = Executor(settings)
+        self.settings = settings
         self.robot = ModelRobot()
         self.plan = small_plan()
         self.grippers = grippers
         self.time = 0.0
-        self.state = self.executor.begin(ExecutionState(), self.plan, 0.0)
+        self.state = executor.begin(ExecutionState(), self.plan, 0.0)
         self.states = [self.state]
 
     def step(self, **wishes: Any) -> ExecutionState:
         """Step once, pass the commands on, and advance the robot."""
         self.time += PERIOD
         feedback = self.robot.feedback(self.time, grippers=self.grippers)
-        self.state = self.executor.step(self.state, feedback, OperatorWishes(**wishes))
+        self.state = executor.step(self.settings, self.state, feedback, OperatorWishes(**wishes))
         self.states.append(self.state)
         self.robot.take(self.state.motion, self.state.gripper)
         self.robot.advance()

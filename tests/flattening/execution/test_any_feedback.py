@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from unwrinkle.flattening.execution import executor
 from unwrinkle.flattening.execution.settings import ExecutionSettings, LostCloth
 from unwrinkle.flattening.execution.state import (
     ExecutionFeedback,
@@ -143,7 +144,7 @@ def test_promises_hold(
         time += report.gap
         before = run.state
         feedback = feedback_of(report, before, time)
-        run.state = run.executor.step(before, feedback, wishes)
+        run.state = executor.step(rules, before, feedback, wishes)
         check(before, run.state, feedback, rules)
         if before.result is not None:
             assert run.state is before, "nothing follows the end"
@@ -180,7 +181,7 @@ def test_random_sequences_reach_every_phase_and_outcome(
             )
             wishes = OperatorWishes(stop="enough" if rng.random() < 0.02 else "")
             before, feedback = run.state, feedback_of(report, run.state, time)
-            run.state = run.executor.step(before, feedback, wishes)
+            run.state = executor.step(rules, before, feedback, wishes)
             check(before, run.state, feedback, rules)
             phases.add(run.state.phase)
         outcomes.add(run.state.result.outcome)

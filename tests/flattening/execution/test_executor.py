@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from unwrinkle.flattening.execution import executor
 from unwrinkle.flattening.execution.executor import DEAD_MAN_RELEASED
 from unwrinkle.flattening.execution.settings import ExecutionSettings, LostCloth
 from unwrinkle.flattening.execution.state import Outcome
@@ -54,7 +55,7 @@ def test_an_attended_execution_leaves_trajectory_mode(attended: Any) -> None:
 def test_numbers_go_on_in_the_next_plan(looped: Any) -> None:
     looped.until()
     first = looped.state
-    again = looped.executor.begin(first, looped.plan, looped.time)
+    again = executor.begin(first, looped.plan, looped.time)
     assert again.result is None and again.records == ()
     looped.state = again
     looped.until()
@@ -157,7 +158,7 @@ def test_a_stop_that_does_not_come_to_rest_is_said(looped: Any) -> None:
     since = looped.time
     looped.until()
     assert outcome(looped) == Outcome.FAILED and "did not come to rest" in reason(looped)
-    assert looped.time - since == pytest.approx(looped.executor.settings.brake, abs=0.1)
+    assert looped.time - since == pytest.approx(looped.settings.brake, abs=0.1)
 
 
 # ---------------------------------------------------------------- holds
@@ -339,7 +340,7 @@ def test_lost_cloth_stops_and_opens_where_an_operator_decides(attended: Any) -> 
 
 
 def test_lost_cloth_finishes_the_verified_pull_in_the_loop(looped: Any) -> None:
-    assert looped.executor.settings.lost_cloth == LostCloth.FINISH
+    assert looped.settings.lost_cloth == LostCloth.FINISH
     looped.until(looped.during("pull"))
     looped.robot.grip = dc.replace(looped.robot.grip, holding=(False, True))
     looped.until()
