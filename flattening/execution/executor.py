@@ -140,7 +140,7 @@ class _Transition:
             self._end(Outcome.STOPPED, wishes.stop)
         elif self.now.ending is None and wishes.hold:
             self._hold(wishes.hold)
-        elif self.now.ending is None and wishes.resume and self.now.held:
+        elif wishes.resume and self.now.held:
             self._resume()
 
     def _hold(self, reason: str, *, released: bool = False) -> None:

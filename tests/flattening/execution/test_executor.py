@@ -161,6 +161,25 @@ def test_a_stop_that_does_not_come_to_rest_is_said(looped: Any) -> None:
     assert looped.time - since == pytest.approx(looped.settings.brake, abs=0.1)
 
 
+def test_a_stop_ends_once_the_arms_are_at_rest(looped: Any) -> None:
+    looped.until(looped.during("pull"))
+    looped.step(stop="enough")
+    looped.robot.velocities = np.full(13, 0.1)
+    looped.steps(20)
+    assert looped.robot.status.state == MotionMode.IDLE and looped.state.result is None
+    looped.robot.velocities = np.zeros(13)
+    looped.step()
+    assert outcome(looped) == Outcome.STOPPED
+
+
+def test_a_motion_reported_as_done_at_its_start_is_not_begun_again(looped: Any) -> None:
+    start = looped.robot.positions
+    looped.until(lambda: looped.robot.status.completed == 1)
+    looped.robot.positions = start
+    looped.until()
+    assert outcome(looped) == Outcome.FAILED and looped.robot.runs == ["approach"]
+
+
 # ---------------------------------------------------------------- holds
 
 
@@ -370,6 +389,17 @@ def test_grippers_that_do_not_close_are_opened_at_rest(
     assert ("both grippers are open" in reason(looped)) == opened
     assert ("the grippers did not open" in reason(looped)) != opened
     assert looped.robot.runs == ["approach"] and looped.time < 12.0
+
+
+def test_grippers_stay_closed_where_rest_is_not_known(looped: Any) -> None:
+    looped.until(looped.during("pull"))
+    looped.robot.grip = dc.replace(looped.robot.grip, reason="no air")
+    looped.step()
+    looped.robot.age = float("inf")
+    looped.robot.fail("the connection is lost")
+    looped.until()
+    assert outcome(looped) == Outcome.FAILED and "not opened" in reason(looped)
+    assert looped.robot.strokes == [CLOSED]
 
 
 def test_a_reason_of_the_grippers_is_not_waited_for(looped: Any) -> None:
