@@ -111,7 +111,7 @@ def _executed(case: Case, name: str, *faults: ServerFault, holding: bool = True)
 def loses_cloth(case: Case) -> None:
     """G1."""
     _loses_cloth(case)
-    case.reads(_executed(case, "closed on nothing", holding=False), "gripper closed without cloth")
+    case.reads(_executed(case, "closed on nothing", holding=False), "gripper closed on nothing")
     case.reads(_executed(case, "never closed", ServerFault("no_close")), "gripper")
 
 

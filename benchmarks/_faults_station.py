@@ -165,8 +165,10 @@ class ScriptedStation(LeafSystem):
             status = station_messages.ControllerStatus(
                 MotionMode.RUNNING, command.number, world.status.completed
             )
-            if command.trajectory is None:
-                status = dc.replace(status, state=MotionMode.HOLDING)
+            if command.trajectory is None:  # it is at rest at once
+                status = station_messages.ControllerStatus(
+                    MotionMode.IDLE, command.number, command.number
+                )
             world = dc.replace(world, status=status, running=command, began=now)
         moving = world.running.trajectory
         if world.status.state != MotionMode.RUNNING or moving is None:

@@ -10,7 +10,7 @@ from typing import Any
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 
-from unwrinkle.flattening.plan_execution import steps_of
+from unwrinkle.flattening.execution.steps import steps_of
 from unwrinkle.flattening.state import SupervisorSettings, SupervisorState
 from unwrinkle.flattening.station_messages import (
     ControllerStatus,

@@ -7,7 +7,7 @@
 - `verified_planning`: plan, verify, else the next motion.
 - `state_machine`, `state`, `transitions`: the closed loop: look, decide, plan, confirm, ask the
   operator, move.
-- `plan_execution`, `retreat`: segments and gripper strokes of a plan.
+- `execution/`: the one executor of a plan: segments, gripper strokes, every way to end.
 - `messages`, `station_messages`: values at the ports of the diagram.
 """
 

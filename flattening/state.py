@@ -6,13 +6,15 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
 
+from unwrinkle.flattening.execution.settings import ExecutionSettings
+from unwrinkle.flattening.execution.state import ExecutionState
+from unwrinkle.flattening.execution.steps import Step, StepRecord
 from unwrinkle.flattening.flattener import Refusal
 from unwrinkle.flattening.messages import Analysed, Perceived, Planned, PlanRequest, Verified
 from unwrinkle.flattening.observation import Observation
 from unwrinkle.flattening.policy import PolicyState, PullDecision, Stop
 from unwrinkle.flattening.station_messages import (
     ControllerStatus,
-    GripperCommand,
     GripperStatus,
     HeadCommand,
     TrajectoryCommand,
@@ -20,7 +22,6 @@ from unwrinkle.flattening.station_messages import (
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.shared import Shared
 from unwrinkle.models.site import Site
-from unwrinkle.planning.trajectory import Trajectory
 
 
 class Mode(StrEnum):
@@ -35,7 +36,7 @@ class Mode(StrEnum):
     MOVE = "move"
     GRIP = "grip"
     RETREAT = "retreat"
-    HOLD = "hold"  # waits for rest after an interrupt
+    HOLD = "hold"  # comes to rest after an interrupt or a fault of an execution
     DONE = "done"
     FAULT = "fault"
 
@@ -52,80 +53,34 @@ class RunStatus(StrEnum):
 
 @dataclass(frozen=True)
 class SupervisorSettings:
-    """Deadlines on the station's clock, s, and tolerances.
+    """Deadlines on the station's clock, s, and the settings of the executor.
 
     Attributes:
-        look: from a head command to the exposure, which waits for the units and the cloth to rest.
-        rest: for the arms to come to rest at the start of a segment.
-        answer: for perception, planning, verification and the controller to answer by number.
-        gripper: for both grippers to have finished a stroke.
-        motion: a segment may take this many times its duration, and `answer` more.
-        start: largest distance of an axis from a segment's first sample, rad; the controller has
-            its own.
-        rest_speed: an axis slower than this is at rest, rad/s.
+        look: from a head command to the exposure, which waits for the units and the cloth to rest;
+            every attempt of the site's cameras fits in.
+        answer: for perception, planning and verification to answer by number; they compute within
+            the period in which they are asked.
         replans: greatest number of new plans for one wrinkle because the robot had moved.
         speed: share of the planned speed, 0 to 1.
+        execution: tolerances, deadlines and reactions of the executor; also for rest before a look.
     """
 
     look: float = 30.0
-    rest: float = 1.0
     answer: float = 1.0
-    gripper: float = 5.0
-    motion: float = 1.5
-    start: float = 1e-3
-    rest_speed: float = 2e-3
     replans: int = 2
     speed: float = 1.0
+    execution: ExecutionSettings = field(default_factory=ExecutionSettings)
 
     @classmethod
     def of_site(cls, site: Site) -> SupervisorSettings:
         """Return deadlines that allow for the timeouts of a site's devices."""
-        c, cameras = site.controller, site.cameras
+        cameras = site.cameras
         look = cameras.attempts * cameras.timeout + site.pan_tilt.motion_timeout
         return cls(
             look=max(30.0, look + 5.0),
-            rest=2.0,
-            answer=1.0 + c.start_timeout + c.pause,
-            gripper=site.grippers.timeout + 2.0,
-            start=min(c.start_tolerances),
             speed=site.speed,
+            execution=ExecutionSettings.of_site(site),
         )
-
-
-@dataclass(frozen=True, eq=False)
-class Step(Shared):
-    """A step of an action.
-
-    Attributes:
-        name: approach, close, pull, open, release or retreat.
-        mode: `MOVE`, `GRIP` or `RETREAT`.
-        trajectory: of a motion.
-        closed: of the grippers, at the end of a stroke.
-        dwell: least time for a stroke, s.
-    """
-
-    name: str
-    mode: Mode
-    trajectory: Trajectory | None = None
-    closed: tuple[bool, bool] = (False, False)
-    dwell: float = 0.0
-
-
-@dataclass(frozen=True)
-class StepRecord(Shared):
-    """Record of an executed step; times on the station's clock, s.
-
-    Attributes:
-        name: of the step.
-        number: of the command.
-        sent: time of the command.
-        finished: time at which the station reported it done.
-    """
-
-    name: str
-    number: int
-    sent: float
-    finished: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,11 +129,11 @@ class SupervisorState(Shared):
     Attributes:
         mode: state of the state machine.
         since: when the state, or its command, began on the station's clock, s.
-        sent: whether the state's command was sent.
+        sent: whether the head's command of a look was sent.
         policy_state: of the policy.
-        head, trajectory, gripper, request: last commands.
+        head, request: last commands.
+        execution: state of the executor, with the last commands to the arms and grippers.
         centre: (3,) point of the world to look at next, m.
-        steps: remaining steps of the action, the current one first.
         replans: new plans for this wrinkle.
         action: the present one.
         finished: the action before; None at first.
@@ -191,11 +146,9 @@ class SupervisorState(Shared):
     sent: bool = False
     policy_state: PolicyState = field(default_factory=PolicyState)
     head: HeadCommand = field(default_factory=HeadCommand)
-    trajectory: TrajectoryCommand = field(default_factory=TrajectoryCommand)
-    gripper: GripperCommand = field(default_factory=GripperCommand)
+    execution: ExecutionState = field(default_factory=ExecutionState)
     request: PlanRequest = field(default_factory=PlanRequest)
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    steps: tuple[Step, ...] = ()
     replans: int = 0
     action: Action = field(default_factory=Action)
     finished: Action | None = None
@@ -208,9 +161,17 @@ class SupervisorState(Shared):
         return self.mode in (Mode.DONE, Mode.FAULT)
 
     @property
-    def moving(self) -> bool:
-        """Whether a motion was sent and has not been reported as ended."""
-        return self.mode in (Mode.MOVE, Mode.RETREAT) and self.sent
+    def steps(self) -> tuple[Step, ...]:
+        """Remaining steps of the action, the current one first."""
+        return self.execution.steps
+
+    @property
+    def trajectory(self) -> TrajectoryCommand:
+        """Last command to the arms; a stop is a hold: the controller stays in trajectory mode."""
+        motion = self.execution.motion
+        if motion.trajectory is None:
+            return TrajectoryCommand(motion.number, None, "hold" if motion.number else "")
+        return TrajectoryCommand(motion.number, motion.trajectory, motion.name)
 
 
 class Feedback(Protocol):

@@ -10,9 +10,15 @@ from dataclasses import replace
 import numpy as np
 
 from unwrinkle.flattening import policy
+from unwrinkle.flattening.execution import executor
+from unwrinkle.flattening.execution.state import (
+    ExecutionFeedback,
+    OperatorWishes,
+    Outcome,
+    Phase,
+)
 from unwrinkle.flattening.flattener import NoChoice, Refusal, choose
 from unwrinkle.flattening.messages import PlanRequest
-from unwrinkle.flattening.plan_execution import Execution
 from unwrinkle.flattening.state import (
     Feedback,
     Mode,
@@ -21,7 +27,7 @@ from unwrinkle.flattening.state import (
     SupervisorState,
 )
 from unwrinkle.flattening.station_messages import HeadCommand
-from unwrinkle.flattening.transitions import at_rest, ended, entered, fault, finished, held, stopped
+from unwrinkle.flattening.transitions import ended, entered, fault, finished, stopped
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.perception.range_map import RangeMap
@@ -58,7 +64,6 @@ class StateMachine:
         """
         self._rules, self._settings, self._gaze_at = rules, settings, gaze_at
         self._approve = approve
-        self._execution = Execution(settings)
         self._states = {
             Mode.LOOK: self._look,
             Mode.PERCEIVE: self._perceive,
@@ -66,9 +71,6 @@ class StateMachine:
             Mode.PLAN: self._plan,
             Mode.CONFIRM: self._confirm,
             Mode.APPROVE: self._ask,
-            Mode.MOVE: self._carry_out,
-            Mode.RETREAT: self._carry_out,
-            Mode.GRIP: self._carry_out,
             Mode.HOLD: self._hold,
         }
 
@@ -76,14 +78,16 @@ class StateMachine:
         """Return the state one feedback period later; the same object where nothing has changed."""
         if now.over:
             return now
+        if now.execution.running:
+            return self._carry_out(now, feedback)
         if feedback.interrupted and now.mode != Mode.HOLD:
-            return self._interrupt(now, feedback)
+            return entered(now, Mode.HOLD, feedback)
         return self._states[now.mode](now, feedback)
 
     def _look(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
         if not now.sent:
-            if not at_rest(feedback, self._settings):
-                if feedback.time - now.since > self._settings.rest:
+            if not self._settings.execution.at_rest(_of_arms(feedback)):
+                if feedback.time - now.since > self._settings.execution.rest:
                     return fault(now, "the arms did not come to rest for a look", feedback)
                 return now
             ext_axis = float(feedback.positions()[0])
@@ -184,8 +188,9 @@ class StateMachine:
         if not verified.verdict.passed:
             reason = f"not verified: {verified.verdict.violations[0].message}"
             return self._refused(now, feedback, reason)
-        off = float(np.abs(feedback.positions() - plan.segments[0].trajectory.positions[0]).max())
-        if off > self._settings.start:
+        start = plan.segments[0].trajectory.positions[0]
+        if not self._settings.execution.at(_of_arms(feedback), start):
+            off = float(np.abs(feedback.positions() - start).max())
             if now.replans >= self._settings.replans:
                 return fault(
                     now,
@@ -197,7 +202,7 @@ class StateMachine:
             return self._request(now, now.request, feedback)
         if self._approve is not None and now.mode != Mode.APPROVE:
             return entered(now, Mode.APPROVE, feedback)
-        return self._execution.begin(now, feedback, plan)
+        return self._begin(now, feedback, plan)
 
     def _ask(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
         """Ask the operator about the verified plan; confirm it again after the answer."""
@@ -211,20 +216,42 @@ class StateMachine:
             return self._refused(now, feedback, f"not approved: {refusal}")
         return self._confirm(now, feedback)
 
+    def _begin(
+        self, now: SupervisorState, feedback: Feedback, plan: FlatteningPlan
+    ) -> SupervisorState:
+        """Enter the first step of a confirmed plan."""
+        execution = executor.begin(now.execution, plan, feedback.time)
+        return entered(replace(now, execution=execution), Mode.MOVE, feedback)
+
     def _carry_out(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
-        now = self._execution.next(now, feedback)
-        if now.mode != Mode.LOOK:
+        """Step the executor; at its end, look again or end the run."""
+        wishes = OperatorWishes(stop="interrupted" if feedback.interrupted else "")
+        settings = self._settings.execution
+        execution = executor.step(settings, now.execution, _of_arms(feedback), wishes)
+        if execution is now.execution:
             return now
-        action = now.action
+        if execution.records is not now.execution.records:
+            now = replace(now, action=replace(now.action, steps=execution.records))
+        now = replace(now, execution=execution)
+        result = execution.result
+        if result is None:
+            stopping = execution.phase in (Phase.STOPPING, Phase.OPENING)
+            mode = Mode.HOLD if stopping else Mode(execution.steps[0].kind)
+            return now if mode == now.mode else entered(now, mode, feedback)
+        if result.outcome == Outcome.FAILED:
+            return fault(now, result.reason, feedback)
+        if result.outcome == Outcome.STOPPED:
+            return self._interrupted(now, feedback)
+        action, missed = now.action, result.outcome == Outcome.MISSED
         assert action.pull is not None and action.observation is not None
         policy_state = policy.after_action(
             now.policy_state,
             action.pull,
             action.observation.features,
             self._rules,
-            missed=action.outcome == "missed",
+            missed=missed,
         )
-        return finished(now, policy_state, action.outcome or "done", action.reason, feedback)
+        return finished(now, policy_state, result.outcome, result.reason, feedback)
 
     def _refused(self, now: SupervisorState, feedback: Feedback, reason: str) -> SupervisorState:
         """Leave a wrinkle without a safe motion aside, and decide again."""
@@ -259,22 +286,30 @@ class StateMachine:
             return now
         return fault(now, f"{who} did not answer within {self._settings.answer:g} s", feedback)
 
-    def _interrupt(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
-        """Hold what moves; the rest of the action is dropped."""
-        moved = now.moving
-        return replace(entered(held(now), Mode.HOLD, feedback), sent=moved, steps=())
-
     def _hold(self, now: SupervisorState, feedback: Feedback) -> SupervisorState:
-        waited = feedback.time - now.since
-        least = self._settings.answer if now.sent else 0.0  # so long a hold may take to arrive
-        if waited < least:
+        """End an interrupted run once the arms are at rest; no motion is under way."""
+        rests = self._settings.execution.at_rest(_of_arms(feedback))
+        if not rests and feedback.time - now.since <= self._settings.execution.rest:
             return now
-        reason = "interrupted; the arms are at rest"
-        if not at_rest(feedback, self._settings):
-            if waited < least + self._settings.rest:
-                return now
-            reason = "interrupted; the arms did not come to rest in time"
-        return ended(now, Mode.DONE, RunStatus.INTERRUPTED, reason, feedback)
+        return self._interrupted(now, feedback, rests=rests)
+
+    def _interrupted(
+        self, now: SupervisorState, feedback: Feedback, *, rests: bool = True
+    ) -> SupervisorState:
+        text = "the arms are at rest" if rests else "the arms did not come to rest in time"
+        status, reason = RunStatus.INTERRUPTED, f"interrupted; {text}"
+        return ended(now, Mode.DONE, status, reason, feedback)
+
+
+def _of_arms(feedback: Feedback) -> ExecutionFeedback:
+    """Return what the executor reads of the station."""
+    return ExecutionFeedback(
+        feedback.time,
+        feedback.positions(),
+        feedback.velocities(),
+        feedback.controller(),
+        feedback.grippers(),
+    )
 
 
 def garment_centre(range_map: RangeMap) -> tuple[float, float, float]:

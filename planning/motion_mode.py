@@ -9,4 +9,5 @@ class MotionMode(StrEnum):
     IDLE = "idle"  # at rest, without a trajectory
     RUNNING = "running"
     HOLDING = "holding"  # brakes along the path, then rests
+    HELD = "held"  # at rest on the path, which can be resumed; a station reports idle
     FAULT = "fault"  # latched; nothing moves

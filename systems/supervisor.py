@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
+from unwrinkle.flattening.execution.state import ExecutionState
 from unwrinkle.flattening.messages import Analysed, Perceived, Planned, PlanRequest, Verified
 from unwrinkle.flattening.policy import PolicyState
 from unwrinkle.flattening.state import Action, SupervisorSettings, SupervisorState
@@ -90,8 +91,8 @@ class FlatteningSupervisorSystem(LeafSystem):
             head=HeadCommand(policy_state.looks),
             centre=(float(x), float(y), cell.table.height),
             action=Action(look=policy_state.looks + 1, policy_state=policy_state),
+            execution=ExecutionState(speed=settings.speed),
         )
-        self._speed = settings.speed
         self._first_look = policy_state.looks
         self._state_machine = StateMachine(scenario.loop, settings, _gaze_at(head), approve)
         self._state = self.DeclareAbstractState(AbstractValue.Make(first))
@@ -105,7 +106,7 @@ class FlatteningSupervisorSystem(LeafSystem):
         ticket = {self.abstract_state_ticket(self._state)}
         outputs: dict[str, tuple[Any, Callable[[SupervisorState], Any]]] = {
             "trajectory": (TrajectoryCommand(), lambda now: now.trajectory),
-            "gripper.command": (GripperCommand(), lambda now: now.gripper),
+            "gripper.command": (GripperCommand(), lambda now: now.execution.gripper),
             "head.command": (HeadCommand(), self._head_command),
             "request": (PlanRequest(), lambda now: now.request),
             "state": (first, lambda now: now),
@@ -134,7 +135,7 @@ class FlatteningSupervisorSystem(LeafSystem):
         return read
 
     def _speed_override(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._speed)
+        output.SetAtIndex(0, self.supervisor_state(context).execution.speed)
 
     def _update(self, context: Context, state: State) -> None:
         now = self.supervisor_state(context)

@@ -12,9 +12,9 @@ import pytest
 import unwrinkle as uw
 from unwrinkle import cli
 from unwrinkle.benchmarks._faults_station import Script, run_loop
+from unwrinkle.flattening.execution import executor
 from unwrinkle.flattening.flattener import Choice, NoChoice, choose
 from unwrinkle.flattening.observation import GarmentFeatures, WrinkleFeatures
-from unwrinkle.flattening.plan_execution import Execution
 from unwrinkle.flattening.policy import PolicyState
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.scenario import LoopSettings, load_scenario
@@ -59,13 +59,13 @@ def test_command_line_library_and_diagram_agree(
         return looks[number - 1]
 
     executed: list[uw.FlatteningPlan] = []
-    begin = Execution.begin
+    begin = executor.begin
 
-    def recorded(self: Execution, now: Any, feedback: Any, plan: uw.FlatteningPlan) -> Any:
+    def recorded(before: Any, plan: uw.FlatteningPlan, time: float) -> Any:
         executed.append(plan)
-        return begin(self, now, feedback, plan)
+        return begin(before, plan, time)
 
-    monkeypatch.setattr(Execution, "begin", recorded)
+    monkeypatch.setattr(executor, "begin", recorded)
     run_loop(Script(look), cell=cell)
     (in_the_diagram,) = executed
     assert in_the_diagram.target.to_json() == proposal.plan.target.to_json()

@@ -13,6 +13,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from unwrinkle.flattening import station_messages
+from unwrinkle.flattening.execution.state import Phase
 from unwrinkle.flattening.messages import Analysed, Perceived, Planned, PlanRequest, Verified
 from unwrinkle.flattening.observation import GarmentFeatures, WrinkleFeatures
 from unwrinkle.flattening.state import SupervisorState
@@ -50,6 +51,7 @@ def plan_of(name: str) -> Any:
             )
         ),
         events=(GripperEvent(0.0, (True, True), 0.2), GripperEvent(0.0, (False, False), 0.2)),
+        arms=(object(), object()),
     )
 
 
@@ -94,8 +96,6 @@ class Script:
     unsafe: frozenset[tuple[int, str]] = frozenset()
     misses: frozenset[int] = frozenset()
     refuses: int = 0
-    silent: int = 0
-    hangs: int = 0
     stuck: bool = False
     dark: frozenset[int] = frozenset()
     verdict_of: str = ""
@@ -169,7 +169,7 @@ class FakeStation(LeafSystem):
     def update(self, context: Any, state: Any) -> None:
         world, script, time = self.world(context), self.script, context.get_time()
         command = self.GetInputPort("trajectory").Eval(context)
-        if command.number > max(world.status.command, script.silent * (world.status.command == 0)):
+        if command.number > world.status.command:
             script.sent.append((command.name, time))
             status = station_messages.ControllerStatus(
                 "running", command.number, world.status.completed
@@ -177,7 +177,7 @@ class FakeStation(LeafSystem):
             if command.number == script.refuses:
                 status = dc.replace(status, state="idle", reason="it does not like it")
             if command.trajectory is None:
-                status = dc.replace(status, state="holding")
+                status = station_messages.ControllerStatus("idle", command.number, command.number)
                 world = dc.replace(world, v=np.zeros(13))
             world = dc.replace(world, status=status, running=command, began=time)
         moving = world.running.trajectory
@@ -185,7 +185,7 @@ class FakeStation(LeafSystem):
             t = min(time - world.began, moving.duration)
             motion = moving.interpolant()
             world = dc.replace(world, q=motion(t), v=motion(t, 1))
-            if t == moving.duration and command.number != script.hangs:
+            if t == moving.duration:
                 done = station_messages.ControllerStatus("idle", command.number, command.number)
                 world = dc.replace(world, status=done)
         grip = self.GetInputPort("gripper.command").Eval(context)
@@ -357,19 +357,18 @@ def test_a_verdict_of_another_plan_is_never_sent() -> None:
     ("script", "reason"),
     [
         (Script(((BIG,),), refuses=2), "refused the motion: it does not like it"),
-        (Script(((BIG,),), silent=9), "approach: the controller did not answer"),
-        (Script(((BIG,),), hangs=1), "not finished after"),
         (Script(((BIG,),), stuck=True), "the grippers did not close"),
     ],
 )
-def test_faults_latch(script: Script, reason: str) -> None:
+def test_a_failed_execution_latches_the_fault(script: Script, reason: str) -> None:
     run = Run(script)
     end = run.until()
     assert end.mode == "fault" and end.status == "fault" and reason in end.reason
+    assert end.action.outcome == "fault" and end.execution.result is not None
+    assert run.modes[-2:] == ["hold", "fault"]
     count = len(script.sent)
     run.simulator.AdvanceTo(run.simulator.get_context().get_time() + 1.0)
-    assert run.now().mode == "fault"
-    assert sent(script)[count:] in ([], ["hold"])
+    assert run.now().mode == "fault" and len(script.sent) == count
 
 
 def test_actions_that_change_nothing_escalate_and_end() -> None:
@@ -403,7 +402,8 @@ def test_cameras_that_never_answer() -> None:
 @pytest.mark.parametrize("mode", ["look", "plan", "move", "grip"])
 def test_interrupt_ends_at_rest(mode: str) -> None:
     run = Run(Script(((BIG,), (GONE,))))
-    run.until(lambda now: now.mode == mode and (now.sent or mode == "plan"))
+    moving = {"move": Phase.MOVING, "grip": Phase.GRIPPING}
+    run.until(lambda now: now.mode == mode and now.execution.phase == moving.get(mode, "idle"))
     context = run.simulator.get_mutable_context()
     run.diagram.get_input_port(0).FixValue(context, [1.0])
     end = run.until()

@@ -5,12 +5,10 @@ Every run ends at rest.
 
 import gc
 import logging
-import signal
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
-from types import FrameType
 from typing import Protocol
 
 import numpy as np
@@ -21,12 +19,11 @@ from unwrinkle.closed_loop.setup import Loop
 from unwrinkle.closed_loop.station_view import StationView
 from unwrinkle.flattening.state import RunStatus, SupervisorState
 from unwrinkle.models.errors import UnwrinkleError
+from unwrinkle.planning.arrival import ARRIVED_SPEED_RAD_S
 from unwrinkle.systems.diagram import supervisor_state
 
 #: Maximum time for the arms to come to rest at the end of a run, s on the station's clock.
 LAST_REST = 5.0
-#: Speed below which an axis is at rest, rad/s.
-_REST_SPEED = 2e-3
 
 _log = logging.getLogger(__name__)
 
@@ -165,7 +162,7 @@ class FlatteningRun:
     def _rest(self) -> None:
         """Advance until the arms have come to rest after a fault or an interrupt."""
         for _ in range(round(LAST_REST / self._period)):
-            if np.abs(self.station.velocities).max() < _REST_SPEED:
+            if np.abs(self.station.velocities).max() <= ARRIVED_SPEED_RAD_S:
                 return
             self._advance()
         _log.error("the arms did not come to rest within %g s", LAST_REST)
@@ -190,42 +187,3 @@ def failure(error: BaseException) -> tuple[str, str]:
     if isinstance(error, UnwrinkleError):
         return RunStatus.FAULTED, text
     return RunStatus.FAULTED, f"{type(error).__name__}: {text}"
-
-
-class RunInterrupts:
-    """Record SIGINT and SIGTERM.
-
-    The first ends the run at rest, a second signal raises KeyboardInterrupt.
-    """
-
-    def __init__(self) -> None:
-        """Start without a signal."""
-        self.name = ""
-
-    def __call__(self) -> bool:
-        """Return whether a signal has arrived."""
-        return bool(self.name)
-
-    def note(self, number: int, frame: FrameType | None) -> None:
-        """Handle a signal.
-
-        Raises:
-            KeyboardInterrupt: it is the second one.
-        """
-        if self.name:
-            raise KeyboardInterrupt
-        self.name = signal.Signals(number).name
-
-
-@contextmanager
-def caught_interrupts() -> Iterator[RunInterrupts]:
-    """Record SIGINT and SIGTERM instead of ending the program."""
-    interrupts = RunInterrupts()
-    before = {
-        number: signal.signal(number, interrupts.note) for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
-        yield interrupts
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

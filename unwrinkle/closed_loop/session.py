@@ -14,7 +14,7 @@ from typing import Any
 
 from unwrinkle import __version__
 from unwrinkle.closed_loop.recorder import Recorder
-from unwrinkle.closed_loop.run import FlatteningRun, RunEnding, Watcher, caught_interrupts, failure
+from unwrinkle.closed_loop.run import FlatteningRun, RunEnding, Watcher, failure
 from unwrinkle.closed_loop.setup import (
     HARDWARE,
     LOOPBACK,
@@ -28,6 +28,7 @@ from unwrinkle.flattening.state import RunStatus
 from unwrinkle.flattening.state_machine import Approve
 from unwrinkle.garbage import gc_disabled
 from unwrinkle.hardware.run_log.writer import RunLog
+from unwrinkle.interrupts import StopSignals
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import Scenario, load_scenario
 from unwrinkle.models.site import Site
@@ -98,7 +99,10 @@ class Session:
         """
         clock = time.perf_counter()
         recorder = Recorder(self.folder, self.loop.cell)
-        with caught_interrupts() as interrupts, ExitStack() as at_end:
+        with (
+            StopSignals(armed=True, second_raises=True) as interrupts,
+            ExitStack() as at_end,
+        ):
             if self.loop.real:
                 at_end.enter_context(gc_disabled())
             if self.log is not None:
@@ -106,7 +110,7 @@ class Session:
             at_end.callback(self.loop.close)
             run = FlatteningRun(self.loop, (recorder, *watchers))
             try:
-                ending = run.run(lambda: interrupts() or (self.loop.real and left()))
+                ending = run.run(lambda: bool(interrupts.name) or (self.loop.real and left()))
             except BaseException as error:
                 status, reason = failure(error)
                 if isinstance(error, KeyboardInterrupt):

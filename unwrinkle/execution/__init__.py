@@ -4,7 +4,8 @@
 - `robot`: the same for programs (`uw.connect`).
 - `preflight`, `posture`: checks before anything moves.
 - `confirmation`: the plan's hash, typed by the operator.
-- `executor`, `loop`, `controls`, `page`: segments in order; hold, resume, stop, speed.
+- `executor`: steps `unwrinkle.flattening.execution` with the devices of a site.
+- `loop`, `controls`, `page`: the operator: hold, resume, stop, speed, dead-man key.
 """
 
 import lazy_loader

@@ -86,7 +86,7 @@ def parse_key(key: str) -> Instruction | None:
     return None
 
 
-def carry_out(instruction: Instruction, executor: PlanExecutor, now: float) -> str:
+def carry_out(instruction: Instruction, executor: PlanExecutor) -> str:
     """Carry out an instruction.
 
     Returns:
@@ -100,7 +100,7 @@ def carry_out(instruction: Instruction, executor: PlanExecutor, now: float) -> s
         elif instruction.word == STOP:
             executor.stop()
         elif instruction.word == ALIVE:
-            executor.alive(now)
+            executor.alive()
         elif instruction.change:
             executor.set_speed(round(executor.speed + instruction.value, 4))
         else:

@@ -3,21 +3,19 @@
 Every error ends in a stop.
 """
 
-import signal
-import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from types import FrameType
-from typing import Any, Protocol, Self
+from typing import Protocol
 
 from unwrinkle.execution.controls import Instruction, OperatorControls, carry_out
-from unwrinkle.execution.executor import ExecutionResult, PlanExecutor
+from unwrinkle.execution.executor import PlanExecutor
+from unwrinkle.flattening.execution.state import ExecutionResult
+from unwrinkle.interrupts import StopSignals
 from unwrinkle.models.errors import InputError
 
 #: Period of the loop, s.
 PERIOD = 0.02
-_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
 class Page(Protocol):
@@ -31,46 +29,6 @@ class Page(Protocol):
     def update(self, now: float, text: str) -> Sequence[Instruction]:
         """Show the robot's posture; return the instructions of its buttons since the last call."""
         ...
-
-
-class StopSignals:
-    """Catch signals that would end the program.
-
-    They end the block; while `armed`, they are only recorded.
-
-    Attributes:
-        armed: whether the robot may be moving and must be brought to rest first.
-        name: name of the first signal while armed; empty if there was none.
-        number: number of that signal; 0 if there was none.
-    """
-
-    def __init__(self) -> None:
-        """Start without a signal."""
-        self.armed = False
-        self.name = ""
-        self.number = 0
-        self._before: dict[int, Any] = {}
-
-    def __enter__(self) -> Self:
-        """Install the signal handlers; only the main thread of a program can."""
-        if threading.current_thread() is threading.main_thread():
-            for name in _SIGNALS:
-                number = getattr(signal, name)
-                self._before[number] = signal.signal(number, self._note)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Restore the signal handlers."""
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        if not self.armed:
-            if number == signal.SIGINT:
-                raise KeyboardInterrupt
-            raise SystemExit(128 + number)
-        if not self.name:
-            self.name, self.number = signal.Signals(number).name, number
 
 
 def run_to_the_end(
@@ -151,7 +109,7 @@ class _Loop:
         due = [i for i in self._waiting if i.at is None or now - self._begin >= i.at]
         self._waiting = [i for i in self._waiting if i not in due]
         for instruction in due:
-            refused = carry_out(instruction, executor, now)
+            refused = carry_out(instruction, executor)
             if refused:
                 self._tell(f"refused: {refused}")
         executor.poll(now)

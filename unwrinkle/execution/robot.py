@@ -12,13 +12,16 @@ from pathlib import Path
 
 from unwrinkle import __version__
 from unwrinkle.execution.confirmation import check_confirmed
-from unwrinkle.execution.controls import Instruction
-from unwrinkle.execution.executor import DONE, ExecutionResult, PlanExecutor
+from unwrinkle.execution.controls import NoControls
+from unwrinkle.execution.executor import PlanExecutor
 from unwrinkle.execution.finished_runs import FinishedRuns
-from unwrinkle.execution.loop import StopSignals, run_to_the_end
+from unwrinkle.execution.loop import run_to_the_end
 from unwrinkle.execution.preflight import Preflight, preflight, recheck
+from unwrinkle.flattening.execution.settings import ExecutionSettings
+from unwrinkle.flattening.execution.state import ExecutionResult, Outcome
 from unwrinkle.garbage import gc_disabled
 from unwrinkle.hardware.run_log.writer import RunLog
+from unwrinkle.interrupts import StopSignals
 from unwrinkle.models.errors import HardwareError, InputError, UnwrinkleError
 from unwrinkle.models.robot import Cell
 from unwrinkle.models.site import Site
@@ -44,6 +47,7 @@ class Robot:
         self.site, self.cell, self.equipment = site, cell, equipment
         self._log = log
         self._finished = FinishedRuns()
+        self._stroke = 0  # number of the last command to the grippers
 
     @property
     def log(self) -> Path:
@@ -107,16 +111,21 @@ class Robot:
             if problem:
                 raise HardwareError(problem)
             interrupts.armed = True
+            settings = ExecutionSettings.of_site(self.site)
             executor = PlanExecutor(
                 self.equipment.driver,
                 self.equipment.grippers,
                 plan,
+                settings.for_single_run(most_speed=checked.most_speed),
                 speed=checked.speed,
-                most_speed=checked.most_speed,
+                stroke=self._stroke,
                 log=self._log,
             )
-            result = run_to_the_end(executor, _NoControls(), interrupts)
-        if result.outcome != DONE:
+            try:
+                result = run_to_the_end(executor, NoControls(), interrupts)
+            finally:
+                self._stroke = executor.state.gripper.number
+        if result.outcome != Outcome.DONE:
             text = (
                 f"{result.outcome} after {', '.join(result.finished) or 'no segment'}: "
                 f"{result.reason}; a new plan from home is needed"
@@ -180,11 +189,3 @@ def connect(
             path.unlink(missing_ok=True)  # it holds nothing but its header
             raise
         yield Robot(found, cell, equipment, run_log)
-
-
-class _NoControls:
-    """Source without instructions: there is no operator at a terminal."""
-
-    def read(self) -> list[Instruction]:
-        """Return no instruction."""
-        return []

@@ -15,13 +15,16 @@ from rich.table import Table
 from unwrinkle import __version__
 from unwrinkle.execution.confirmation import CHARACTERS, check_confirmed
 from unwrinkle.execution.controls import DEAD_MAN_KEY, KEYS, open_controls
-from unwrinkle.execution.executor import DONE, ExecutionResult, PlanExecutor
+from unwrinkle.execution.executor import PlanExecutor
 from unwrinkle.execution.finished_runs import FinishedRuns
-from unwrinkle.execution.loop import StopSignals, run_to_the_end
+from unwrinkle.execution.loop import run_to_the_end
 from unwrinkle.execution.page import ExecutionPage
 from unwrinkle.execution.preflight import Preflight, chosen_speed, preflight, recheck
+from unwrinkle.flattening.execution.settings import ExecutionSettings
+from unwrinkle.flattening.execution.state import ExecutionResult, Outcome
 from unwrinkle.garbage import gc_disabled
 from unwrinkle.hardware.run_log.writer import RunLog
+from unwrinkle.interrupts import StopSignals
 from unwrinkle.models.errors import HardwareError, InputError, NoVerifiedPlanError
 from unwrinkle.models.io.files import write_text
 from unwrinkle.planning.plan import FlatteningPlan
@@ -251,14 +254,11 @@ class ExecutionSession:
         )
         if again:
             raise HardwareError(again)
+        settings = ExecutionSettings.of_site(site).for_single_run(
+            most_speed=checked.most_speed, attended=True, dead_man=site.commissioning
+        )
         executor = PlanExecutor(
-            driver,
-            equipment.grippers,
-            self._plan,
-            speed=checked.speed,
-            most_speed=checked.most_speed,
-            dead_man=site.commissioning,
-            log=log,
+            driver, equipment.grippers, self._plan, settings, speed=checked.speed, log=log
         )
         with open_controls(self._options.commands) as controls:
             self._say(f"keys: {KEYS}" + (f"; {DEAD_MAN_KEY}" if site.commissioning else ""))
@@ -279,7 +279,7 @@ class ExecutionSession:
         self._say(text)
 
     def _end(self, result: ExecutionResult, checked: Preflight, interrupts: StopSignals) -> int:
-        if result.outcome != DONE:
+        if result.outcome != Outcome.DONE:
             if interrupts.number:
                 self._say(f"{result.outcome}: {result.reason}; the robot is at rest")
                 return interrupts.number

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from unwrinkle.execution.executor import PlanExecutor
+from unwrinkle.flattening.execution.settings import ExecutionSettings
 from unwrinkle.hardware.controller_state import (
     FAULT,
     HELD,
@@ -17,6 +18,7 @@ from unwrinkle.hardware.controller_state import (
     JointFeedback,
     RobotStatus,
 )
+from unwrinkle.hardware.grippers.base import GripperReport
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.trajectory import Trajectory
 
@@ -67,7 +69,7 @@ class FakeDriver:
         self.calls.append(("stop", reason))
         self._trajectory = None
         if self.status.state != FAULT:
-            self._set(state=READY, reason="")
+            self._set(state=READY, progress=0.0, reason="")
 
     def set_override(self, value: float) -> None:
         self.calls.append(("override", value))
@@ -99,20 +101,11 @@ class FakeDriver:
         self.status = dc.replace(self.status, **changes)
 
 
-@dc.dataclass(frozen=True)
-class Report:
-    command: int = 0
-    opening: tuple[float, float] | None = None
-    closed: tuple[bool, bool] = (False, False)
-    holding: tuple[bool | None, bool | None] = (None, None)
-    reason: str = ""
-
-
 class FakeGrippers:
     """Fake grippers that finish shortly after a command."""
 
     def __init__(self) -> None:
-        self.status = Report()
+        self.status = GripperReport()
         self.commands: list[tuple[bool, bool]] = []
         self.holding: tuple[bool | None, bool | None] = (True, True)
         self.lost = ""
@@ -135,17 +128,21 @@ class FakeGrippers:
             return
         if now - when > 0.5:
             holding = self.holding if any(closed) else (False, False)
-            self.status = Report(number, None, closed, holding)
+            self.status = GripperReport(number, None, closed, holding)
 
 
 class Bench:
     """Executor with its fakes and clock."""
 
-    def __init__(self, plan: FlatteningPlan, **options: object) -> None:
+    def __init__(self, plan: FlatteningPlan, *, grippers: bool = True, **options: object) -> None:
         self.plan = plan
         self.driver = FakeDriver(plan.segments[0].trajectory.positions[0])
         self.grippers = FakeGrippers()
-        self.executor = PlanExecutor(self.driver, self.grippers, plan, **options)
+        settings = ExecutionSettings().for_single_run(attended=True, most_speed=0.5)
+        options = {"speed": 0.5, **options}
+        self.executor = PlanExecutor(
+            self.driver, self.grippers if grippers else None, plan, settings, **options
+        )
         self.now = 0.0
 
     def run(self, until: Callable[[], bool] = lambda: False, most: float = 60.0) -> None:

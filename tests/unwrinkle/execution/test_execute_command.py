@@ -286,12 +286,16 @@ def test_commissioning_wants_a_key_and_a_slow_first_run(bench_with: Callable[...
     assert bench.robot.end()["points"] == 0  # the key was not pressed
 
 
-def test_a_missed_grasp_opens_and_stops(bench_with: Callable[..., Bench]) -> None:
+def test_a_missed_grasp_opens_and_retreats(bench_with: Callable[..., Bench]) -> None:
     bench = bench_with(misses=1)
     code, _, err = bench.go("--speed", "0.5")
     assert code == 4
-    assert "the left gripper closed without cloth" in err and "both grippers are open" in err
-    assert bench.robot.end()["outputs"] == {"10010": 1, "10011": 1}
+    assert "missed after approach, retreat" in err
+    assert "the left gripper closed on nothing" in err
+    told = bench.robot.end()
+    assert told["outputs"] == {"10010": 1, "10011": 1}
+    start = FlatteningPlan.load(bench.plan).segments[0].trajectory.positions[0]
+    np.testing.assert_allclose(told["positions"], start, atol=1e-3)
 
 
 def test_shipped_cell_is_the_plans(plan_file: Path) -> None:

@@ -16,8 +16,9 @@ from unwrinkle.execution.controls import (
     parse_instruction,
     parse_key,
 )
-from unwrinkle.execution.executor import DONE, STOPPED
-from unwrinkle.execution.loop import StopSignals, run_to_the_end
+from unwrinkle.execution.loop import run_to_the_end
+from unwrinkle.flattening.execution.state import Outcome
+from unwrinkle.interrupts import StopSignals
 from unwrinkle.models.errors import InputError
 
 pytestmark = pytest.mark.alone
@@ -70,7 +71,7 @@ def looped(bench: Any, said: dict[float, str] | None = None, **options: object) 
 
 
 def test_the_loop_does_what_is_said(bench: Any) -> None:
-    told = looped(bench, {0.2: "speed 0.5", 0.4: "hold", 1.0: "resume", 1.2: "speed 3"})
+    told = looped(bench, {0.2: "speed 0.25", 0.4: "hold", 1.0: "resume", 1.2: "speed 3"})
     words = [call[0] for call in bench.driver.calls]
     assert words[:5] == ["override", "run", "override", "hold", "resume"]
     assert any(text.startswith("refused: the speed is 3") for text in told)
@@ -79,19 +80,23 @@ def test_the_loop_does_what_is_said(bench: Any) -> None:
 
 def test_what_is_not_understood_holds(bench: Any) -> None:
     looped(bench, {0.4: "stpo", 2.0: "stop"})
-    assert [call[0] for call in bench.driver.calls] == ["override", "run", "hold", "stop"]
+    assert [call[0] for call in bench.driver.calls] == [
+        *("override", "run", "hold"),
+        *("stop", "hold"),
+    ]
 
 
 def test_a_timed_instruction_waits(bench: Any) -> None:
     looped(bench, {0.0: "@0.5 stop"})
     assert 0.5 <= bench.now < 1.0
-    assert bench.executor.result is not None and bench.executor.result.outcome == STOPPED
+    assert bench.executor.result is not None and bench.executor.result.outcome == Outcome.STOPPED
 
 
 def test_a_closed_page_holds_once(bench: Any) -> None:
     looped(bench, {2.0: "resume"}, page=FakePage(0.5))
-    assert [call[0] for call in bench.driver.calls].count("hold") == 1
-    assert bench.executor.result is not None and bench.executor.result.outcome == DONE
+    words = [call[0] for call in bench.driver.calls]
+    assert words[: words.index("stop")].count("hold") == 1
+    assert bench.executor.result is not None and bench.executor.result.outcome == Outcome.DONE
 
 
 def test_a_signal_stops_it(bench: Any) -> None:
@@ -112,7 +117,7 @@ def test_an_exception_stops_it_before_it_is_raised(bench: Any) -> None:
         looped(bench)
     assert bench.executor.result is not None
     assert bench.executor.result.reason == "ZeroDivisionError: a defect"
-    assert bench.driver.calls[-1][0] == "stop"
+    assert bench.driver.calls[-2][0] == "stop"
 
 
 def test_a_terminal_that_is_gone_changes_nothing(bench: Any) -> None:
@@ -120,7 +125,7 @@ def test_a_terminal_that_is_gone_changes_nothing(bench: Any) -> None:
         raise OSError("Input/output error")
 
     looped(bench, tell=gone)
-    assert bench.executor.result.outcome == DONE
+    assert bench.executor.result.outcome == Outcome.DONE
 
 
 def test_signals_are_noted_while_the_robot_may_move(bench: Any) -> None:
@@ -137,7 +142,15 @@ def test_signals_are_noted_while_the_robot_may_move(bench: Any) -> None:
         assert (interrupts.name, interrupts.number) == ("SIGTERM", signal.SIGTERM)
         looped(bench, interrupts=interrupts)
     assert signal.getsignal(signal.SIGTERM) is before
-    assert bench.executor.result.outcome == STOPPED
+    assert bench.executor.result.outcome == Outcome.STOPPED
+
+
+def test_a_second_signal_raises_where_computations_are_long() -> None:
+    with StopSignals(armed=True, second_raises=True) as interrupts:
+        signal.raise_signal(signal.SIGHUP)
+        assert interrupts.name == "SIGHUP"
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
 
 
 # ---------------------------------------------------------------- what can be said

@@ -24,7 +24,9 @@ def plan() -> uw.FlatteningPlan:
     return found.plan
 
 
-def test_a_plan_runs_on_the_virtual_controller(plan: uw.FlatteningPlan, tmp_path: Path) -> None:
+def test_plans_run_one_after_the_other_until_ctrl_c(
+    plan: uw.FlatteningPlan, tmp_path: Path
+) -> None:
     log = tmp_path / "run.jsonl"
     with uw.connect("loopback", log=log) as robot:
         with pytest.raises(uw.InputError, match="speed"):
@@ -33,23 +35,23 @@ def test_a_plan_runs_on_the_virtual_controller(plan: uw.FlatteningPlan, tmp_path
             robot.execute(None)  # type: ignore[arg-type]
         result = robot.execute(plan)
         assert result.finished == ("approach", "pull", "release")
-    assert "commanded" in log.read_text(encoding="utf-8")
+        grippers = robot.equipment.grippers
+        assert grippers is not None and grippers.status.closed == (False, False)
 
-
-def test_ctrl_c_ends_at_rest_as_an_interrupt(plan: uw.FlatteningPlan, tmp_path: Path) -> None:
-    with uw.connect("loopback", log=tmp_path / "run.jsonl") as robot:
-
-        def press() -> None:
+        def press() -> None:  # once the second execution has closed the grippers again
+            while not all(grippers.status.closed):
+                time.sleep(0.01)
             while robot.equipment.driver.status.state != DriverState.RUNNING:
                 time.sleep(0.01)
             os.kill(os.getpid(), signal.SIGINT)
 
-        operator = threading.Thread(target=press)
+        operator = threading.Thread(target=press, daemon=True)
         operator.start()
-        with pytest.raises(KeyboardInterrupt, match="SIGINT"):
-            robot.execute(plan, speed=0.2)
+        with pytest.raises(KeyboardInterrupt, match="stopped after approach: SIGINT"):
+            robot.execute(plan)
         operator.join()
         assert robot.equipment.driver.status.state != DriverState.RUNNING
+    assert "commanded" in log.read_text(encoding="utf-8")
 
 
 def test_a_real_site_needs_the_plans_hash(plan: uw.FlatteningPlan) -> None:

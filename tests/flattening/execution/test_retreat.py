@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from unwrinkle.flattening.retreat import retreat, reversed_in_time
+from unwrinkle.flattening.execution.retreat import retreat, reversed_in_time
 from unwrinkle.models.errors import InputError
 from unwrinkle.planning.plan import Segment
 from unwrinkle.planning.trajectory import Trajectory
