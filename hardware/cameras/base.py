@@ -73,6 +73,47 @@ class PairCamera(Protocol):
         ...
 
 
+@dataclass(frozen=True, eq=False)
+class DepthPicture:
+    """One exposure of a depth camera.
+
+    Attributes:
+        number: of the exposure.
+        depth: (h, w) float32 m along the optical axis, NaN without a measurement; None if the
+            exposure failed.
+        time: of the exposure, s since 1970.
+        reason: why the exposure failed; else empty.
+        colour: (h, w, 3) uint8 RGB registered to the pixels of depth; None without colour.
+    """
+
+    number: int = 0
+    depth: NDArray[np.float32] | None = None
+    time: float = 0.0
+    reason: str = ""
+    colour: NDArray[np.uint8] | None = None
+
+
+class DepthCamera(Protocol):
+    """One depth camera."""
+
+    def start(self, number: int) -> None:
+        """Begin an exposure; one under way is cancelled."""
+        ...
+
+    def poll(self, now: float) -> None:
+        """Check the exposure without waiting; `now` is of any clock, s."""
+        ...
+
+    @property
+    def result(self) -> DepthPicture | None:
+        """Result of the last exposure; None while one is under way, and before the first."""
+        ...
+
+    def close(self) -> None:
+        """Cancel the exposure under way and release the devices."""
+        ...
+
+
 class GrabbedPair:
     """A pair camera made of one function that exposes both cameras and may hang, fail, or return
     invalid pictures.

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.hardware.cameras.base import DepthPicture
 from unwrinkle.hardware.cameras.exposure import Exposer
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.site import CameraSite
@@ -20,26 +21,6 @@ SIZE = (640, 480)
 _MILLIMETRE = 1e-3
 #: ASSUMED: first frames of a stream that are skipped, since depth settles in them.
 _SETTLING_FRAMES = 5
-
-
-@dataclass(frozen=True, eq=False)
-class DepthPicture:
-    """One exposure of a depth camera.
-
-    Attributes:
-        number: of the exposure.
-        depth: (h, w) float32 m along the optical axis, NaN without a measurement; None if the
-            exposure failed.
-        time: of the exposure, s since 1970.
-        reason: why the exposure failed; else empty.
-        colour: (h, w, 3) uint8 RGB registered to the pixels of depth; None without colour.
-    """
-
-    number: int = 0
-    depth: NDArray[np.float32] | None = None
-    time: float = 0.0
-    reason: str = ""
-    colour: NDArray[np.uint8] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,6 @@
 """Driver of the robot controller.
 
+- `base`: its interface, `Driver`.
 - `driver`: its states and commands; `process`, `thread`, `proxy`: where it runs.
 - `connections`, `motion`, `preconditions`, `monitor`, `feedback`: its parts.
 - `lock`: one program at a time. `clear_queue`: empties what a dead connection left behind.

@@ -59,35 +59,6 @@ class Grippers(Protocol):
         ...
 
 
-class DigitalIo(Protocol):
-    """Digital inputs and outputs of the robot's controller; see `ControllerDriver`."""
-
-    @property
-    def inputs(self) -> dict[int, int | None]:
-        """Last value read of each input; None where unknown."""
-        ...
-
-    @property
-    def outputs_written(self) -> dict[int, int | None]:
-        """Last value that the controller has acknowledged for each output; None where it has not
-        answered yet.
-        """
-        ...
-
-    @property
-    def io_problem(self) -> str:
-        """Last refusal of an input or output, for the user; empty if there is none."""
-        ...
-
-    def write_output(self, address: int, value: int) -> None:
-        """Set an output to 0 or 1."""
-        ...
-
-    def read_input(self, address: int) -> None:
-        """Read an input."""
-        ...
-
-
 class GripperPair(ABC):
     """A stroke of both grippers: sent, repeated at half its deadline, done when both confirm it, or
     failed.

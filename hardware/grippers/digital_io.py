@@ -1,6 +1,7 @@
 """Grippers on the robot controller's digital outputs and inputs."""
 
-from unwrinkle.hardware.grippers.base import READ_PERIOD_S, SIDES, DigitalIo, GripperPair
+from unwrinkle.hardware.controller.base import DigitalIo
+from unwrinkle.hardware.grippers.base import READ_PERIOD_S, SIDES, GripperPair
 from unwrinkle.models.site import GripperSite
 
 

@@ -1,6 +1,7 @@
 """Opening of a site's grippers."""
 
-from unwrinkle.hardware.grippers.base import DigitalIo, Grippers
+from unwrinkle.hardware.controller.base import DigitalIo
+from unwrinkle.hardware.grippers.base import Grippers
 from unwrinkle.hardware.grippers.digital_io import DigitalGrippers
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.site import GripperSite

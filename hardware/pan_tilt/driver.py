@@ -5,26 +5,15 @@ when it is at rest.
 import logging
 import re
 from collections import deque
-from dataclasses import dataclass
-from enum import StrEnum
 from math import inf, isfinite, pi
 
+from unwrinkle.hardware.pan_tilt.base import PanTiltState, PanTiltStatus
 from unwrinkle.hardware.pan_tilt.serial_port import SerialPort
 from unwrinkle.hardware.steady_clock import SteadyClock
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.site import PanTiltSite
 
 _log = logging.getLogger(__name__)
-
-
-class PanTiltState(StrEnum):
-    """States of a unit's driver."""
-
-    STARTING = "starting"  # the resolution and limits are being read
-    READY = "ready"  # at rest
-    MOVING = "moving"
-    SETTLING = "settling"  # arrived, but the mount may still swing
-    FAULT = "fault"  # latched; nothing is sent before a restart
 
 
 STARTING, READY, MOVING, SETTLING, FAULT = PanTiltState
@@ -63,26 +52,6 @@ _MEANINGS = {
     "value": "the value is out of range",
 }
 _REFUSALS = tuple(_MEANINGS)
-
-
-@dataclass(frozen=True)
-class PanTiltStatus:
-    """State of a unit.
-
-    Attributes:
-        state: see `PanTiltState`.
-        number: of the last command accepted or refused.
-        still: whether the unit and its mount are at rest, and no command waits.
-        pan, tilt: as the unit reports them, rad; 0 before the first report.
-        reason: why the last command was refused, or a fault is latched; else empty.
-    """
-
-    state: PanTiltState = STARTING
-    number: int = 0
-    still: bool = False
-    pan: float = 0.0
-    tilt: float = 0.0
-    reason: str = ""
 
 
 class PanTiltDriver:

@@ -6,7 +6,6 @@ Each command is sent once, feedback is passed to the outputs.
 import dataclasses as dc
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from pydrake.common.value import Value
@@ -14,11 +13,10 @@ from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSys
 
 from unwrinkle.flattening.station_messages import ControllerStatus, TrajectoryCommand
 from unwrinkle.hardware import controller_state
-from unwrinkle.hardware.controller_state import DriverStatus, JointFeedback
+from unwrinkle.hardware.controller.base import Driver
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.shared import Shared
 from unwrinkle.planning.motion_mode import MotionMode
-from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.systems.abstract_state import set_state_value, state_value
 
 #: States of the station's port by the driver's state.
@@ -33,28 +31,6 @@ STATES = {
     controller_state.STOPPING: MotionMode.IDLE,
     controller_state.FAULT: MotionMode.FAULT,
 }
-
-
-class MotionDriver(Protocol):
-    """Driver of the arms, polled by the diagram or, through a proxy, by another process."""
-
-    @property
-    def status(self) -> DriverStatus:
-        """Return the driver's status."""
-
-    @property
-    def feedback(self) -> JointFeedback | None:
-        """Return the last complete set of feedback; None before the first."""
-
-    def run(self, number: int, trajectory: Trajectory, name: str = "") -> None:
-        """Run a trajectory from where the robot rests."""
-
-    def hold(self, number: int) -> None:
-        """Brake along the path."""
-
-    def set_override(self, value: float) -> object:
-        """Set the share of the planned speed, 0 to 1."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +57,7 @@ class ControllerDriverSystem(LeafSystem):
 
     def __init__(
         self,
-        driver: MotionDriver,
+        driver: Driver,
         first: Array,
         *,
         period: float,

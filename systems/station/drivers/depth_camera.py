@@ -7,7 +7,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
 from unwrinkle.flattening.station_messages import DepthImage, HeadCommand, HeadImage
-from unwrinkle.hardware.cameras.openni import DepthPicture, OpenNi2Camera
+from unwrinkle.hardware.cameras.base import DepthCamera, DepthPicture
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.models.shared import Shared
@@ -40,7 +40,7 @@ class DepthCameraDriverSystem(LeafSystem):
     """
 
     def __init__(
-        self, cell: Cell, camera: OpenNi2Camera, *, period: float, clock: Clock = diagram_time
+        self, cell: Cell, camera: DepthCamera, *, period: float, clock: Clock = diagram_time
     ) -> None:
         """Wrap a camera.
 

@@ -7,7 +7,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from unwrinkle.flattening.station_messages import HeadCommand
-from unwrinkle.hardware.pan_tilt.driver import PanTiltDriver
+from unwrinkle.hardware.pan_tilt.base import PanTilt
 from unwrinkle.models.arrays import Array
 from unwrinkle.systems.abstract_state import set_state_value, state_value
 from unwrinkle.systems.station.drivers.device_clock import Clock, diagram_time
@@ -23,8 +23,8 @@ class PanTiltDriverSystem(LeafSystem):
 
     def __init__(
         self,
-        left: PanTiltDriver,
-        right: PanTiltDriver,
+        left: PanTilt,
+        right: PanTilt,
         *,
         period: float,
         poll: Callable[[float], None] | None = None,

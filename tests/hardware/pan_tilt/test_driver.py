@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from unwrinkle.hardware.pan_tilt.driver import ARC_SECOND, PanTiltDriver, PanTiltStatus
+from unwrinkle.hardware.pan_tilt.base import PanTiltStatus
+from unwrinkle.hardware.pan_tilt.driver import ARC_SECOND, PanTiltDriver
 from unwrinkle.hardware.pan_tilt.serial_port import open_serial
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.site import PanTiltSite
