@@ -21,7 +21,7 @@ from unwrinkle.simulation.controllers.controller import (
     VirtualControllerSettings,
 )
 from unwrinkle.simulation.controllers.server import ControllerServer, ServerFault
-from unwrinkle.systems.station.lockstep import MAX_REQUESTS_PER_STEP
+from unwrinkle.systems.station.loopback.lockstep import MAX_REQUESTS_PER_STEP
 
 TrajectoryMaker = Callable[..., Trajectory]
 

@@ -4,9 +4,12 @@ import dataclasses as dc
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from unwrinkle.hardware.backend import check_kind
+from unwrinkle.hardware.cameras.factory import CAMERAS
+from unwrinkle.hardware.grippers.factory import GRIPPERS
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.loader_yaml import models_dir
-from unwrinkle.models.site import Site, load_site
+from unwrinkle.models.site import NO_DEVICE, Site, load_site
 
 if TYPE_CHECKING:
     from unwrinkle.models.robot import Cell
@@ -37,6 +40,11 @@ def find_site(name: str | Path) -> Site:
             f"there is no site '{name}': give a *{_SUFFIX} file, or a shipped site: {known}"
         )
     site = load_site(path)
+    try:
+        check_kind("grippers.kind", site.grippers.kind, (NO_DEVICE, *GRIPPERS))
+        check_kind("cameras.kind", site.cameras.kind, (NO_DEVICE, *CAMERAS))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
     folder = path.resolve().parent
     return dc.replace(
         site,
