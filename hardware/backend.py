@@ -21,16 +21,19 @@ def imported(place: str) -> Any:
 
 
 def check_kind(key: str, kind: str, known: Iterable[str]) -> None:
-    """Refuse a kind that no driver is registered for.
+    """Refuse a kind that is neither registered nor a driver of its own.
 
     Args:
         key: of the site, for the message.
-        kind: as the site names it.
+        kind: as the site names it: registered, or "module:name" of a driver elsewhere.
         known: registered kinds.
 
     Raises:
-        InputError: the kind is not registered.
+        InputError: the kind is not registered, or the driver cannot be imported.
     """
+    if ":" in kind:
+        imported(kind)
+        return
     names = list(known)
     if kind not in names:
         raise InputError(f"site: {key} '{kind}' is unknown; known: {', '.join(names)}")

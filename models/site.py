@@ -102,8 +102,8 @@ class ControllerSite:
 class GripperSite:
     """Addresses and parameters of the grippers; lists are right, left."""
 
-    # none, or a kind that `hardware.grippers.factory` registers: digital (outputs of the
-    # controller), can.
+    # none, digital (outputs of the controller), can, or module:function of another driver; see
+    # `hardware.grippers`.
     kind: str = NO_DEVICE
     # digital: address of the output that closes, of the inputs that say closed and holding cloth
     # (0: there is none), and whether the output is inverted. ASSUMED: the addresses of the CloPeMa
@@ -145,8 +145,8 @@ class PanTiltSite:
 class CameraSite:
     """The cameras of the stereo head."""
 
-    # none, or a kind that `hardware.cameras.factory` registers: folder (pairs in order), watch (the
-    # newest pair), opencv, gphoto2, openni2.
+    # none, folder (pairs in order), watch (the newest pair), opencv, gphoto2, openni2, or
+    # module:class of another driver; see `hardware.cameras`.
     kind: str = NO_DEVICE
     # folder, watch: where left*.png and right*.png appear. opencv: device numbers or addresses.
     # gphoto2: USB ports.

@@ -7,7 +7,7 @@ from typing import Any
 from unwrinkle.hardware.backend import check_kind, imported
 from unwrinkle.hardware.cameras.base import DepthCamera, PairCamera
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.site import CameraSite
+from unwrinkle.models.site import NO_DEVICE, CameraSite
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ CAMERAS = {
 
 def is_depth_camera(site: CameraSite) -> bool:
     """Return whether a site's camera is a depth camera."""
-    return site.kind in CAMERAS and CAMERAS[site.kind].depth
+    return site.kind != NO_DEVICE and _kind(site).depth
 
 
 def make_cameras(site: CameraSite) -> PairCamera:
@@ -62,12 +62,20 @@ def make_depth_camera(site: CameraSite) -> DepthCamera:
 
 
 def _opened(site: CameraSite, *, depth: bool) -> Any:
-    known = [name for name, kind in CAMERAS.items() if kind.depth == depth]
-    if site.kind not in known:
-        check_kind("cameras.kind", site.kind, ("none", *CAMERAS))
+    if is_depth_camera(site) != depth or site.kind == NO_DEVICE:
         what = "a depth camera" if depth else "a pair of cameras"
+        known = [name for name, kind in CAMERAS.items() if kind.depth == depth]
         raise InputError(
             f"cameras.kind '{site.kind}' of the site is not {what}; give {' or '.join(known)}"
         )
-    opener = CAMERAS[site.kind].opener
+    opener = _kind(site).opener
     return (imported(opener) if isinstance(opener, str) else opener)(site)
+
+
+def _kind(site: CameraSite) -> CameraKind:
+    """Return the kind that a site names, registered or "module:name"."""
+    check_kind("cameras.kind", site.kind, (NO_DEVICE, *CAMERAS))
+    if site.kind in CAMERAS:
+        return CAMERAS[site.kind]
+    found = imported(site.kind)
+    return found if isinstance(found, CameraKind) else CameraKind(found)

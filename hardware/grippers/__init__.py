@@ -6,9 +6,10 @@ A new gripper is one file and one line:
    deadline, its repetition and its confirmation; a subclass adds `_listen`, `_send`, `_lacks`,
    `_closed` and `_holding`, as `can_bus` and `digital_io` do. Settings that `GripperSite` does not
    have are read from its `options`.
-2. A line in `factory.GRIPPERS`: the kind that sites name, and the function that opens it. A driver
-   outside this package is registered the same way, before a site is read:
-   `GRIPPERS["mine"] = GripperKind("my_lab.grippers:open_mine")`.
+2. A line in `factory.GRIPPERS`: the kind that sites name, and the function that opens it.
+
+A driver outside this package needs no line: its site says `kind: "my_lab.grippers:open_mine"`, and
+names a function like `factory.GripperOpener`, or a `GripperKind`.
 """
 
 import lazy_loader

@@ -36,7 +36,7 @@ GRIPPERS = {
 
 def needs_io(site: GripperSite) -> bool:
     """Return whether a site's grippers use the controller's inputs and outputs."""
-    return site.kind in GRIPPERS and GRIPPERS[site.kind].needs_io
+    return site.kind != NO_DEVICE and _kind(site).needs_io
 
 
 def make_grippers(
@@ -55,9 +55,17 @@ def make_grippers(
     """
     if site.kind == NO_DEVICE:
         raise InputError(f"grippers.kind is 'none' in the site; give {' or '.join(GRIPPERS)}")
-    check_kind("grippers.kind", site.kind, GRIPPERS)
-    kind = GRIPPERS[site.kind]
+    kind = _kind(site)
     if kind.needs_io and io is None:
         raise InputError(f"{site.kind} grippers need the controller's inputs and outputs")
     opener: GripperOpener = imported(kind.opener) if isinstance(kind.opener, str) else kind.opener
     return opener(site, io, stroke)
+
+
+def _kind(site: GripperSite) -> GripperKind:
+    """Return the kind that a site names, registered or "module:name"."""
+    check_kind("grippers.kind", site.kind, GRIPPERS)
+    if site.kind in GRIPPERS:
+        return GRIPPERS[site.kind]
+    found = imported(site.kind)
+    return found if isinstance(found, GripperKind) else GripperKind(found)
