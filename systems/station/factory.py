@@ -2,7 +2,7 @@
 
 import datetime
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 
 from numpy.typing import ArrayLike
 
@@ -80,27 +80,25 @@ def make_station(
         with hardware_station(cell, site, head=head, seed=seed, log=log) as station:
             yield station
         return
+    if chosen == StationForm.SIM:
+        _refuse({"site": site}, "sim")
+    else:
+        _refuse({"player": player}, "loopback")
+        site = site or loopback_site()
     if head is None:
         head = nominal_calibration().stereo_head(cell.limits.head)
     cloth = simulated_cloth(cell) if cloth is None else cloth
+    posture = start_posture(cell, cloth, start)
     if state is None:
         centre = cell.scenario.garment_centre
         state = start_state(
             cloth, cell.scenario.station.garment.start, (centre[0], centre[1]), seed
         )
-    posture = start_posture(cell, cloth, start)
-    if faults is None:
-        faults = StationFaults()
-    if chosen == StationForm.SIM:
-        _refuse({"site": site}, "sim")
-        controls = direct_controls(player)
-        yield SimulatedStation(
-            cell, cloth, state, head, seed=seed, start=posture, faults=faults, controls=controls
-        )
-        return
-    _refuse({"player": player}, "loopback")
-    site = site or loopback_site()
-    with loopback_controls(cell, site, posture, head=head, log=log) as controls:
+    with (
+        nullcontext(direct_controls(player))
+        if site is None
+        else loopback_controls(cell, site, posture, head=head, log=log)
+    ) as controls:
         yield SimulatedStation(
             cell,
             cloth,
@@ -108,7 +106,7 @@ def make_station(
             head,
             seed=seed,
             start=posture,
-            faults=faults,
+            faults=faults or StationFaults(),
             controls=controls,
             form=chosen,
             site=site,
