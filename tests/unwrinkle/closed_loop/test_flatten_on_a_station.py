@@ -14,9 +14,12 @@ def cell() -> uw.Cell:
     scenario = with_sensor(load_scenario(), "truth")
     scenario.station.garment.start = "flat"
     scenario.station.garment.nodes = 32
+    scenario.sensor.scale = 0.125
+    scenario.loop.actions = 0
     return uw.load_cell(scenario)
 
 
+@pytest.mark.slow
 def test_a_flat_garment_is_found_flat(cell: uw.Cell, tmp_path: Path) -> None:
     with uw.make_station(cell, seed=3) as station:
         assert isinstance(station, uw.Station)
