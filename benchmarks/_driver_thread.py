@@ -7,8 +7,8 @@ from contextlib import contextmanager
 
 from unwrinkle.hardware.controller.driver import ControllerDriver
 from unwrinkle.hardware.controller.driver_loop import DriverLoop
-from unwrinkle.hardware.controller.message_pipe import MessagePipe
 from unwrinkle.hardware.controller.proxy import DriverProxy
+from unwrinkle.hardware.message_pipe import MessagePipe
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 - `base`: its interface, `Driver`.
 - `driver`: its states and commands. `driver_loop` polls it, in the process that `process` starts;
-  `proxy` is what a program commands; `message_pipe` is between them.
+  `proxy` is what a program commands; a `MessagePipe` is between them.
 - `connections`, `motion`, `preconditions`, `monitor`, `feedback`: its parts.
 - `lock`: one program at a time. `clear_queue`: empties what a dead connection left behind.
 """

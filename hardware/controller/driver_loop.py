@@ -7,9 +7,9 @@ import time
 from collections.abc import Callable
 
 from unwrinkle.hardware.controller.driver import ControllerDriver
-from unwrinkle.hardware.controller.message_pipe import MessagePipe
 from unwrinkle.hardware.controller.proxy import CLOSE, COMMANDS, DriverReport
 from unwrinkle.hardware.controller_state import FAULT, HOLDING, RUNNING, STARTING, STOPPING
+from unwrinkle.hardware.message_pipe import MessagePipe
 from unwrinkle.models.errors import HardwareError
 
 _logger = logging.getLogger(__name__)

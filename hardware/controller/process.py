@@ -19,8 +19,8 @@ from typing import Self
 
 from unwrinkle.hardware.controller.driver import ControllerDriver
 from unwrinkle.hardware.controller.driver_loop import DriverLoop
-from unwrinkle.hardware.controller.message_pipe import MessagePipe
 from unwrinkle.hardware.controller.proxy import LONGEST_CLOSE_ANSWER_S, DriverProxy
+from unwrinkle.hardware.message_pipe import MessagePipe
 from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.limits import Limits

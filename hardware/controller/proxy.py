@@ -12,8 +12,8 @@ from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 
 from unwrinkle.hardware.controller.base import DigitalIo, Driver
 from unwrinkle.hardware.controller.driver import QUEUE_KEPT
-from unwrinkle.hardware.controller.message_pipe import MessagePipe
 from unwrinkle.hardware.controller_state import FAULT, OFFLINE, DriverStatus, JointFeedback
+from unwrinkle.hardware.message_pipe import MessagePipe
 from unwrinkle.models.errors import ConnectionLostError, HardwareError, OverdueError
 
 #: Commands that are passed on: the methods of the protocol.

@@ -13,9 +13,9 @@ import pytest
 
 from unwrinkle.hardware.controller.base import DigitalIo, Driver
 from unwrinkle.hardware.controller.driver_loop import LONGEST_SILENCE_S, DriverLoop
-from unwrinkle.hardware.controller.message_pipe import MessagePipe
 from unwrinkle.hardware.controller.proxy import CLOSE, COMMANDS, DriverProxy, DriverReport
 from unwrinkle.hardware.controller_state import DriverStatus
+from unwrinkle.hardware.message_pipe import MessagePipe
 from unwrinkle.hardware.motoros.messages import Command
 from unwrinkle.models.errors import InUseError
 from unwrinkle.planning.trajectory import Trajectory
