@@ -86,12 +86,16 @@ def test_it_runs_a_trajectory_and_disconnects(
 ) -> None:
     rig, trajectory = make_rig(), make_trajectory(1)
 
+    def after(duration: float) -> Callable[[], bool]:
+        end = rig.time + duration
+        return lambda: bool(rig.time > end)
+
     def script(program: Program) -> Iterator[Callable[[], bool]]:
         yield lambda: program.status.state == "ready"
         program.ask("run", 1, trajectory, "a motion")
         while program.status.completed < 1:
             program.ask()  # a program that waits asks for reports
-            yield lambda: True
+            yield after(0.5)
         program.ask(CLOSE)
         yield lambda: False
 
