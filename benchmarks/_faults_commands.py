@@ -13,11 +13,11 @@ import yaml
 
 from unwrinkle.benchmarks import _faults_cells as cells
 from unwrinkle.benchmarks import _faults_planning
+from unwrinkle.benchmarks._driver_thread import polled_in_thread
 from unwrinkle.benchmarks._fault_rows import Case, Row
 from unwrinkle.benchmarks._faults_live import Execution, LiveController
 from unwrinkle.benchmarks._faults_rig import swing
 from unwrinkle.hardware.controller.driver import ControllerDriver
-from unwrinkle.hardware.controller.thread import DriverThread
 from unwrinkle.hardware.controller_state import FAULT, READY
 from unwrinkle.hardware.motoros.messages import Command
 from unwrinkle.hardware.run_log.reader import read_run_log
@@ -87,7 +87,7 @@ def _broken_callback(case: Case) -> None:
         site.motion_port, site.state_port, site.io_port = motion, state, io
         log = RunLog.create(case.folder / "callback.jsonl", {"what": "fault row"})
         driver = _Breaks(site, cells.cell().limits, log=log, lock_directory=case.folder)
-        with log, DriverThread(driver) as thread:
+        with log, polled_in_thread(driver) as thread:
             thread.wait(lambda status: status.state == READY, 5.0)
             thread.run(1, swing(live.start))
             thread.wait(lambda status: status.state == FAULT, 5.0)

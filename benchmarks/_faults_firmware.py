@@ -17,6 +17,7 @@ import numpy as np
 
 from unwrinkle.benchmarks import _faults_cells as cells
 from unwrinkle.benchmarks import _faults_checks as checks
+from unwrinkle.benchmarks._driver_thread import polled_in_thread
 from unwrinkle.benchmarks._fault_rows import Case, Row
 from unwrinkle.benchmarks._faults_live import Execution, LiveController
 from unwrinkle.benchmarks._faults_rig import WAY, Rig, swing
@@ -25,7 +26,6 @@ from unwrinkle.hardware import controller_state
 from unwrinkle.hardware.controller.clear_queue import clear_queue
 from unwrinkle.hardware.controller.driver import ControllerDriver
 from unwrinkle.hardware.controller.process import DriverProcess
-from unwrinkle.hardware.controller.thread import DriverThread
 from unwrinkle.hardware.controller_state import DriverStatus
 from unwrinkle.hardware.motoros.messages import Command
 from unwrinkle.models.errors import HardwareError
@@ -105,7 +105,7 @@ def _abandoned(case: Case) -> None:
     with LiveController() as live:
         site = _site(live)
         driver = _Fails(site, cells.cell().limits, lock_directory=case.folder)
-        with DriverThread(driver) as thread:
+        with polled_in_thread(driver) as thread:
             thread.wait(lambda status: status.state == controller_state.READY, 5.0)
             thread.run(1, swing(live.start))
             thread.wait(lambda status: status.state == controller_state.FAULT, 5.0)

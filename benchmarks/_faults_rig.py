@@ -39,7 +39,7 @@ from unwrinkle.simulation.controllers.controller import (
     VirtualControllerSettings,
 )
 from unwrinkle.simulation.controllers.server import ControllerServer, ServerFault
-from unwrinkle.systems.station.lockstep import MAX_REQUESTS_PER_STEP
+from unwrinkle.systems.station.loopback.lockstep import MAX_REQUESTS_PER_STEP
 
 #: s between two polls of either side.
 STEP = 0.004

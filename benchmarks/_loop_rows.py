@@ -19,12 +19,12 @@ from unwrinkle.models.io.archive import save_archive
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.scenario import Scenario, load_scenario, with_sensor
 from unwrinkle.perception.stereo.compile_cache import ensure_compiled
-from unwrinkle.perception.stereo.head_file import nominal_calibration
 from unwrinkle.simulation.cloth import initial_states
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.measures import TruthMeasures, measure
 from unwrinkle.systems.diagram import build_flattening_diagram, supervisor_state
-from unwrinkle.systems.station.simulated import build_sim_station
+from unwrinkle.systems.station.base import Station
+from unwrinkle.systems.station.factory import make_station
 from unwrinkle.systems.station.world import simulated_cloth
 
 #: A garment whose highest point is no higher than this above flat is flat in truth, m (the
@@ -69,15 +69,19 @@ def flattened(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
     if settings.get("material"):
         cloth = Cloth(cloth.outline, cloth.material.changed(**settings["material"]), cloth.table)
         start = cloth.settle(dc.replace(start, asleep=False, quiet=0.0))
-    head = nominal_calibration().stereo_head(cell.limits.head)
-    station = build_sim_station(cell, cloth, start, head=head, seed=seed)
-    diagram = build_flattening_diagram(cell, station, head, seed=seed)
+    with make_station(cell, form="sim", cloth=cloth, state=start, seed=seed) as station:
+        return _to_the_end(station, cloth, folder)
+
+
+def _to_the_end(station: Station, cloth: Cloth, folder: Path) -> dict[str, Any]:
+    cell, seed = station.cell, station.seed
+    diagram = build_flattening_diagram(cell, station, station.head, seed=seed)
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
     diagram.GetInputPort("interrupt").FixValue(context, [0.0])
     simulator.Initialize()
     record, truth = _Record(cloth), station.GetOutputPort("truth.cloth")
-    period = scenario.station.feedback_period
+    period = cell.scenario.station.feedback_period
     before = supervisor_state(diagram, context)
     for step in range(1, _MOST_PERIODS):
         clock = time.perf_counter()

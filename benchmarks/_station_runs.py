@@ -4,6 +4,7 @@ And the closed loop, period by period.
 """
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,9 +32,8 @@ from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.initial_states import start_state
 from unwrinkle.systems.diagram import build_flattening_diagram, supervisor_state
-from unwrinkle.systems.station.loopback import LoopbackStation, build_loopback_station
+from unwrinkle.systems.station.factory import make_station
 from unwrinkle.systems.station.motion_log import StationMotion
-from unwrinkle.systems.station.simulated import build_sim_station
 from unwrinkle.systems.station.world import SimulatedStation, simulated_cloth
 
 #: The station is asked with this period, s; a step that takes so long is given up, s.
@@ -89,15 +89,20 @@ class Setting:
         start = start_state(cloth, scenario.station.garment.start, (x, y), seed)
         return cls(cell, nominal_calibration().stereo_head(cell.limits.head), cloth, start, seed)
 
-    def sim(self) -> SimulatedStation:
-        """A fresh simulated station."""
-        return build_sim_station(self.cell, self.cloth, self.start, head=self.head, seed=self.seed)
-
-    def loopback(self, log: RunLog | None = None) -> LoopbackStation:
-        """A fresh loopback station; close it."""
-        return build_loopback_station(
-            self.cell, self.cloth, self.start, head=self.head, seed=self.seed, log=log
-        )
+    @contextmanager
+    def station(self, form: str, log: RunLog | None = None) -> Iterator[SimulatedStation]:
+        """Make a fresh station of a simulated form."""
+        with make_station(
+            self.cell,
+            form=form,
+            seed=self.seed,
+            cloth=self.cloth,
+            state=self.start,
+            head=self.head,
+            log=log,
+        ) as station:
+            assert isinstance(station, SimulatedStation)
+            yield station
 
     def situations(
         self, station: SimulatedStation, settings: SupervisorSettings | None = None
@@ -130,11 +135,12 @@ def first_plan(setting: Setting) -> FlatteningPlan:
         UnwrinkleError: the loop ends without one.
     """
     now = None
-    for now, _ in setting.situations(setting.sim()):
-        planned = now.action.planned
-        if now.steps and planned is not None and planned.result is not None:
-            assert planned.result.plan is not None
-            return planned.result.plan
+    with setting.station("sim") as station:
+        for now, _ in setting.situations(station):
+            planned = now.action.planned
+            if now.steps and planned is not None and planned.result is not None:
+                assert planned.result.plan is not None
+                return planned.result.plan
     raise UnwrinkleError(
         f"seed {setting.seed} gives no plan: {now.reason if now is not None else 'it never began'}"
     )

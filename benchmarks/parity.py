@@ -49,7 +49,8 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
     progress(0, parts, "plan")
     plan = first_plan(setting)
     progress(1, parts, "sim")
-    sim = run_on_station(setting.sim(), setting.cloth, plan)
+    with setting.station("sim") as station:
+        sim = run_on_station(station, setting.cloth, plan)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "log.jsonl"
         progress(2, parts, "loopback")
@@ -60,7 +61,8 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
         phases = _phases(sim, differences["lags"], scenario.station.cloth_step)
         in_phase = _through_drivers(setting, plan, path.with_stem("in-phase"), phases)
     progress(4, parts, "sim later")
-    late = run_on_station(setting.sim(), setting.cloth, plan, {"approach": (1.0, _LATER)})
+    with setting.station("sim") as station:
+        late = run_on_station(station, setting.cloth, plan, {"approach": (1.0, _LATER)})
     progress(5, parts, "closed loop")
     return {
         "seed": seed,
@@ -219,11 +221,8 @@ def _stopping_rows(stopping: dict[str, dict[str, list[float]]]) -> list[str]:
 def _closed_loop(setting: Setting) -> dict[str, Any]:
     """The default towel, flattened through the drivers."""
     clock = time.perf_counter()
-    station = setting.loopback()
-    try:
+    with setting.station("loopback") as station:
         *_, (now, state) = setting.situations(station, SupervisorSettings.of_site(loopback_site()))
-    finally:
-        station.close()
     return {
         "status": now.status,
         "actions": now.policy_state.actions,
@@ -273,12 +272,9 @@ def _through_drivers(
     phases: dict[str, tuple[float, float]] | None = None,
 ) -> StationRun:
     """Run the plan on a loopback station, with a log."""
-    with RunLog.create(path, {"plan": plan.content_hash, "station": "loopback"}) as log:
-        station = setting.loopback(log)
-        try:
-            return run_on_station(station, setting.cloth, plan, phases)
-        finally:
-            station.close()
+    header = {"plan": plan.content_hash, "station": "loopback"}
+    with RunLog.create(path, header) as log, setting.station("loopback", log) as station:
+        return run_on_station(station, setting.cloth, plan, phases)
 
 
 def _against_plan(

@@ -10,3 +10,4 @@ from .controller_state import (
     JointFeedback as JointFeedback,
     RobotStatus as RobotStatus,
 )
+from .equipment import Equipment as Equipment, connected as connected

@@ -11,12 +11,19 @@ from unwrinkle.models.choices import PulledSlack, PullReading, SectionPlace
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.loader_yaml import load_yaml, models_dir
 
-STATION_FORMS = ("sim", "loopback", "hardware")
 SENSOR_KINDS = ("stereo", "depth", "truth")
 OUTLINES = ("towel", "dishcloth", "tshirt", "trousers")
 STARTS = ("bunched", "ridge", "pinched", "dropped", "flat")
 ORDERS = ("volume", "pull", "height", "length", "together")
 TURNTABLES = ("free", "fixed")
+
+
+class StationForm(StrEnum):
+    """What is behind the station's ports."""
+
+    SIM = "sim"  # everything is simulated
+    LOOPBACK = "loopback"  # the drivers, over real connections, against virtual devices
+    HARDWARE = "hardware"  # the devices of a site
 
 
 class Smoothing(StrEnum):
@@ -266,7 +273,7 @@ class Scenario:
         choices = (
             ("planner turntable", self.planner.turntable, TURNTABLES),
             ("timing smoothing", self.timing.smoothing, tuple(Smoothing)),
-            ("station form", self.station.form, STATION_FORMS),
+            ("station form", self.station.form, tuple(StationForm)),
             ("sensor kind", self.sensor.kind, SENSOR_KINDS),
             ("loop arms", self.loop.arms, ("any", "dual", "single")),
             ("loop mode", self.loop.mode, tuple(PullReading)),

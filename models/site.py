@@ -11,9 +11,9 @@ from unwrinkle.models.io.loader_yaml import load_yaml, models_dir
 PROFILES = ("groups", "ex")
 SYNCHRO = ("off", "start", "each")
 VELOCITIES = ("differences", "reported")
-GRIPPERS = ("digital", "can", "none")
-CAMERAS = ("none", "folder", "watch", "opencv", "gphoto2", "openni2")
 GROUPS = ("r1", "r2", "ext_axis")
+#: Kind of a device that a site does not have.
+NO_DEVICE = "none"
 #: Greatest latency that a site may state, s.
 LONGEST_LATENCY = 1.0
 #: Encoder pulses of the turn-table and of an arm's S, L, U, R, B, T, 1/rad: what 30 pulses are on
@@ -102,8 +102,9 @@ class ControllerSite:
 class GripperSite:
     """Addresses and parameters of the grippers; lists are right, left."""
 
-    # digital (outputs of the controller), can, or none.
-    kind: str = "none"
+    # none, digital (outputs of the controller), can, or module:function of another driver; see
+    # `hardware.grippers`.
+    kind: str = NO_DEVICE
     # digital: address of the output that closes, of the inputs that say closed and holding cloth
     # (0: there is none), and whether the output is inverted. ASSUMED: the addresses of the CloPeMa
     # cell are not public.
@@ -121,6 +122,8 @@ class GripperSite:
     stroke_time: float = 0.75
     # Answer timeout of a gripper, s; beyond it the gripper counts as lost.
     timeout: float = 3.0
+    # Settings of a kind that has others than these, by name.
+    options: dict[str, str] = field(default_factory=dict)
 
 
 @dc.dataclass
@@ -142,8 +145,9 @@ class PanTiltSite:
 class CameraSite:
     """The cameras of the stereo head."""
 
-    # none, folder (pairs in order), watch (the newest pair), opencv, gphoto2 or openni2.
-    kind: str = "none"
+    # none, folder (pairs in order), watch (the newest pair), opencv, gphoto2, openni2, or
+    # module:class of another driver; see `hardware.cameras`.
+    kind: str = NO_DEVICE
     # folder, watch: where left*.png and right*.png appear. opencv: device numbers or addresses.
     # gphoto2: USB ports.
     left: str = ""
@@ -154,6 +158,8 @@ class CameraSite:
     timeout: float = 20.0
     attempts: int = 2
     skew: float = 1.0
+    # Settings of a kind that has others than these, by name.
+    options: dict[str, str] = field(default_factory=dict)
 
 
 @dc.dataclass
@@ -183,11 +189,6 @@ class Site:
     pan_tilt: PanTiltSite = field(default_factory=PanTiltSite)
     cameras: CameraSite = field(default_factory=CameraSite)
 
-    @property
-    def needs_io(self) -> bool:
-        """Whether the controller's inputs and outputs are used."""
-        return self.grippers.kind == "digital"
-
     def validate(self) -> None:
         """Refuse values out of range.
 
@@ -208,7 +209,7 @@ class Site:
             raise InputError("site: calibration_days and calibration_residual must be positive")
 
     def _validate_choices(self) -> None:
-        c, g = self.controller, self.grippers
+        c = self.controller
         if c.profile == "clopema13":
             raise InputError(
                 "site: controller.profile 'clopema13' (one message of 13 joints, CloPeMa's public "
@@ -220,8 +221,6 @@ class Site:
             ("controller.profile", c.profile, PROFILES),
             ("controller.synchro", c.synchro, SYNCHRO),
             ("controller.velocities", c.velocities, VELOCITIES),
-            ("grippers.kind", g.kind, GRIPPERS),
-            ("cameras.kind", self.cameras.kind, CAMERAS),
         ):
             if value not in known:
                 raise InputError(f"site: {what} '{value}' is unknown; known: {', '.join(known)}")

@@ -37,6 +37,8 @@ from .runs.pictures import save_pictures as save_pictures
 from .site.check import check_site as check_site
 from .site.sites import find_site as find_site
 from .site.virtual_process import virtual_controller as virtual_controller
+from .systems.station.base import Station as Station
+from .systems.station.factory import make_station as make_station
 from .viewer.preview import save_preview as save_preview
 
 __version__: str

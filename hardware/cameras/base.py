@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.site import CameraSite
 
 Picture = NDArray[np.uint8]
+Taken_co = TypeVar("Taken_co", covariant=True)
 
 #: Least width and height of a picture, pixels.
 _LEAST_SIZE = 16
@@ -52,27 +53,6 @@ class Shot:
 Pair = tuple[Shot, Shot]
 
 
-class PairCamera(Protocol):
-    """Two cameras that are exposed as a pair."""
-
-    def start(self, number: int) -> None:
-        """Begin an exposure; one under way is cancelled."""
-        ...
-
-    def poll(self, now: float) -> None:
-        """Check the exposure without waiting; `now` is of any clock, s."""
-        ...
-
-    @property
-    def result(self) -> PairPicture | None:
-        """Result of the last exposure; None while one is under way, and before the first."""
-        ...
-
-    def close(self) -> None:
-        """Cancel the exposure under way and release the devices."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class DepthPicture:
     """One exposure of a depth camera.
@@ -93,8 +73,8 @@ class DepthPicture:
     colour: NDArray[np.uint8] | None = None
 
 
-class DepthCamera(Protocol):
-    """One depth camera."""
+class CameraDriver(Protocol[Taken_co]):
+    """A camera, or several that are exposed together."""
 
     def start(self, number: int) -> None:
         """Begin an exposure; one under way is cancelled."""
@@ -105,13 +85,18 @@ class DepthCamera(Protocol):
         ...
 
     @property
-    def result(self) -> DepthPicture | None:
+    def result(self) -> Taken_co | None:
         """Result of the last exposure; None while one is under way, and before the first."""
         ...
 
     def close(self) -> None:
         """Cancel the exposure under way and release the devices."""
         ...
+
+
+#: Two cameras that are exposed as a pair; one depth camera.
+PairCamera = CameraDriver[PairPicture]
+DepthCamera = CameraDriver[DepthPicture]
 
 
 class GrabbedPair:

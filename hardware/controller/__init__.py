@@ -1,7 +1,8 @@
 """Driver of the robot controller.
 
 - `base`: its interface, `Driver`.
-- `driver`: its states and commands; `process`, `thread`, `proxy`: where it runs.
+- `driver`: its states and commands. `driver_loop` polls it, in the process that `process` starts;
+  `proxy` is what a program commands; a `MessagePipe` is between them.
 - `connections`, `motion`, `preconditions`, `monitor`, `feedback`: its parts.
 - `lock`: one program at a time. `clear_queue`: empties what a dead connection left behind.
 """

@@ -1,36 +1,44 @@
-"""The commands and reports of a `ControllerDriver` that is polled elsewhere: in a thread, or in
-another process.
+"""The controller's driver as a program has it: polled elsewhere, by a `DriverLoop`.
+
+The commands are those of the protocol `Driver`, passed on by name.
 """
 
-from abc import ABC, abstractmethod
+import functools
+import threading
+import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from types import TracebackType
-from typing import Self
+from dataclasses import dataclass, field, replace
+from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 
-from unwrinkle.hardware.controller_state import DriverStatus, JointFeedback
-from unwrinkle.planning.trajectory import Trajectory
+from unwrinkle.hardware.controller.base import DigitalIo, Driver
+from unwrinkle.hardware.controller.driver import QUEUE_KEPT
+from unwrinkle.hardware.controller_state import FAULT, OFFLINE, DriverStatus, JointFeedback
+from unwrinkle.hardware.message_pipe import MessagePipe
+from unwrinkle.models.errors import ConnectionLostError, HardwareError, OverdueError
 
-#: Commands of the driver that a proxy passes on.
-COMMANDS = (
-    "run",
-    "hold",
-    "resume",
-    "stop",
-    "reset",
-    "fail",
-    "set_override",
-    "write_output",
-    "read_input",
+#: Commands that are passed on: the methods of the protocol.
+COMMANDS = frozenset(
+    name
+    for part in (DigitalIo, Driver)
+    for name, value in vars(part).items()
+    if callable(value) and not name.startswith("_")
 )
-#: Longest wait for rest when a driver is closed, s; a hold takes well under a second, at most
-#: several.
-LONGEST_CLOSE_S = 8.0
+#: Request that ends the loop.
+CLOSE = "close"
+#: Longest wait for a report, s.
+_LONGEST_ANSWER_S = 3.0
+#: Longest wait for the report after a close request, s.
+LONGEST_CLOSE_ANSWER_S = 16.0
+#: Between two reports while waiting, s.
+_WAIT_PERIOD_S = 0.01
+
+_Arguments = ParamSpec("_Arguments")
+_Value = TypeVar("_Value")
 
 
 @dataclass(frozen=True, eq=False)
 class DriverReport:
-    """What a driver reports at one time; see `ControllerDriver`."""
+    """What a driver reports at one time; see `Driver`."""
 
     status: DriverStatus = field(default_factory=DriverStatus)
     feedback: JointFeedback | None = None
@@ -38,115 +46,140 @@ class DriverReport:
     outputs_written: dict[int, int | None] = field(default_factory=dict)
     io_problem: str = ""
 
+    @classmethod
+    def of(cls, driver: Driver) -> "DriverReport":
+        """Return what a driver reports now."""
+        return cls(
+            driver.status,
+            driver.feedback,
+            driver.inputs,
+            driver.outputs_written,
+            driver.io_problem,
+        )
 
-class DriverProxy(ABC):
-    """Commands a driver from any thread.
 
-    As a context manager it connects at the start; at the end, also after an exception, it holds,
-    waits for rest and disconnects.
+def _command(
+    method: Callable[Concatenate[Any, _Arguments], None],
+) -> Callable[Concatenate["DriverProxy", _Arguments], None]:
+    """Return a method that has a command of the protocol called by the loop."""
+
+    @functools.wraps(method)
+    def pass_on(
+        proxy: "DriverProxy", /, *arguments: _Arguments.args, **named: _Arguments.kwargs
+    ) -> None:
+        proxy.ask(method.__name__, arguments, named)
+
+    return pass_on
+
+
+class _Reported(Generic[_Value]):
+    """Property with one value of a new report."""
+
+    def __init__(self, read: Callable[[DriverReport], _Value]) -> None:
+        self._read = read
+
+    def __get__(self, proxy: "DriverProxy", kind: type["DriverProxy"]) -> _Value:
+        return self._read(proxy.ask())
+
+
+class DriverProxy:
+    """A driver at the other end of a message pipe; it satisfies `Driver`.
+
+    While the robot moves, a method has to be called at least every `driver_loop.LONGEST_SILENCE_S`
+    seconds (`wait` does so): otherwise the program is taken to hang, and the robot is held.
     """
 
-    @abstractmethod
-    def start(self) -> None:
-        """Connect, and have the driver polled from now on; a second call changes nothing.
+    status = _Reported(lambda report: report.status)
+    feedback = _Reported(lambda report: report.feedback)
+    inputs = _Reported(lambda report: report.inputs)
+    outputs_written = _Reported(lambda report: report.outputs_written)
+    io_problem = _Reported(lambda report: report.io_problem)
 
-        Raises:
-            HardwareError: the robot is in use, or a server does not answer.
-        """
+    run = _command(Driver.run)
+    hold = _command(Driver.hold)
+    resume = _command(Driver.resume)
+    stop = _command(Driver.stop)
+    reset = _command(Driver.reset)
+    fail = _command(Driver.fail)
+    set_override = _command(Driver.set_override)
+    write_output = _command(Driver.write_output)
+    read_input = _command(Driver.read_input)
 
-    @abstractmethod
-    def close(self) -> None:
-        """Hold, wait for rest (bounded), leave trajectory mode, disconnect; a second call changes
-        nothing.
-        """
+    def __init__(self, pipe: MessagePipe | None = None) -> None:
+        """Use a pipe to a loop that runs; without one the driver is offline."""
+        self._lock = threading.RLock()
+        self._pipe = pipe
+        self._last = DriverReport()
 
-    @abstractmethod
-    def report(self) -> DriverReport:
-        """Return what the driver reports now."""
-
-    @abstractmethod
     def wait(self, predicate: Callable[[DriverStatus], bool], timeout: float) -> bool:
         """Wait at most `timeout`, s of real time, until the status fulfils `predicate`; return
         whether it does.
         """
+        end = time.monotonic() + timeout
+        while not predicate(self.status):
+            if time.monotonic() > end:
+                return False
+            time.sleep(_WAIT_PERIOD_S)
+        return True
 
-    @abstractmethod
-    def _call(self, command: str, *arguments: object) -> None:
-        """Call a command of the driver, one of `COMMANDS`."""
-
-    def __enter__(self) -> Self:
-        """Connect."""
-        self.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Hold, wait for rest, disconnect."""
-        self.close()
-
-    @property
-    def status(self) -> DriverStatus:
-        """Newest status."""
-        return self.report().status
-
-    @property
-    def feedback(self) -> JointFeedback | None:
-        """Newest complete set of joint feedback; None before the first."""
-        return self.report().feedback
-
-    @property
-    def inputs(self) -> dict[int, int | None]:
-        """Last values read of inputs, by address; None where unknown."""
-        return self.report().inputs
-
-    @property
-    def outputs_written(self) -> dict[int, int | None]:
-        """Last values that the controller has acknowledged for outputs, by address; None where it
-        has not.
+    def close(self) -> None:
+        """Hold, wait for rest (bounded), leave trajectory mode, disconnect; a second call changes
+        nothing.
         """
-        return self.report().outputs_written
+        with self._lock:
+            if self._pipe is not None:
+                self._request((CLOSE, (), {}), LONGEST_CLOSE_ANSWER_S)
+            self._end()
+            self._last = DriverReport(DriverStatus(state=OFFLINE), self._last.feedback)
 
-    @property
-    def io_problem(self) -> str:
-        """Last refusal on the I/O connection; empty if there is none."""
-        return self.report().io_problem
+    def ask(
+        self, name: str = "", arguments: tuple[Any, ...] = (), named: dict[str, Any] | None = None
+    ) -> DriverReport:
+        """Have a command called, if one is named, and return the report that follows.
 
-    def run(self, number: int, trajectory: Trajectory, name: str = "") -> None:
-        """Run a trajectory from where the robot rests."""
-        self._call("run", number, trajectory, name)
+        A loop that has ended is a fault. The feedback is the same object until a newer set has
+        come.
+        """
+        with self._lock:
+            if self._pipe is None:
+                return self._last
+            problem = self._request((name, arguments, named or {}), _LONGEST_ANSWER_S)
+            if problem is not None:
+                self._end()
+                status = DriverStatus(
+                    state=FAULT,
+                    command=self._last.status.command,
+                    completed=self._last.status.completed,
+                    reason=f"{problem}; {self._left_behind()}",
+                )
+                self._last = DriverReport(status, self._last.feedback)
+            return self._last
 
-    def hold(self, number: int) -> None:
-        """Brake along the path."""
-        self._call("hold", number)
+    def _request(self, message: object, longest: float) -> HardwareError | None:
+        """Send a message and keep the report that answers it; return why there is none."""
+        assert self._pipe is not None
+        try:
+            self._pipe.send(message)
+            answer = self._pipe.receive(longest)
+        except TimeoutError:
+            text = f"the driver's process did not answer within {longest:g} s"
+            return OverdueError(text, longest, longest)
+        except (OSError, EOFError):
+            return ConnectionLostError("the driver's process has ended")
+        if isinstance(answer, HardwareError):
+            return answer
+        before, now = self._last.feedback, answer.feedback
+        if before is not None and now is not None and before.count == now.count:
+            answer = replace(answer, feedback=before)
+        self._last = answer
+        return None
 
-    def resume(self, number: int) -> None:
-        """Go on along the path after a hold."""
-        self._call("resume", number)
+    def _end(self) -> None:
+        """Close the pipe: the loop then holds and disconnects by itself."""
+        if self._pipe is not None:
+            self._pipe.close()
+            self._pipe = None
 
-    def stop(self, reason: str) -> None:
-        """Brake along the path, then leave trajectory mode."""
-        self._call("stop", reason)
-
-    def reset(self) -> None:
-        """Leave a latched fault."""
-        self._call("reset")
-
-    def fail(self, text: str) -> None:
-        """Stop at once and latch a fault."""
-        self._call("fail", text)
-
-    def set_override(self, value: float) -> None:
-        """Run at a share of the planned speed, 0 to 1."""
-        self._call("set_override", value)
-
-    def write_output(self, address: int, value: int) -> None:
-        """Set a digital output to 0 or 1."""
-        self._call("write_output", address, value)
-
-    def read_input(self, address: int) -> None:
-        """Read a digital input."""
-        self._call("read_input", address)
+    def _left_behind(self) -> str:
+        """Return the state in which an ended loop has left the controller, for the user."""
+        return QUEUE_KEPT

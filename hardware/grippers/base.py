@@ -46,6 +46,16 @@ class Grippers(Protocol):
         """State as of the last poll."""
         ...
 
+    @property
+    def found(self) -> str:
+        """What the grippers report, for the user."""
+        ...
+
+    @property
+    def problem(self) -> str:
+        """Why the grippers cannot be commanded yet, for the user; empty if they can."""
+        ...
+
     def command(self, number: int, closed: tuple[bool, bool]) -> None:
         """Close or open, right and left; `status` reports the result."""
         ...
@@ -84,6 +94,17 @@ class GripperPair(ABC):
         closed = (self._closed(0), self._closed(1))
         holding = (self._holding(0), self._holding(1))
         return GripperReport(self._finished, self._opening(), closed, holding, self._reason)
+
+    @property
+    def found(self) -> str:
+        """What the grippers report, for the user."""
+        words = ("closed" if closed else "open" for closed in self.status.closed)
+        return ", ".join(f"{side} {word}" for side, word in zip(SIDES, words, strict=True))
+
+    @property
+    def problem(self) -> str:
+        """Why the grippers cannot be commanded yet, for the user; empty if they can."""
+        return ""
 
     def command(self, number: int, closed: tuple[bool, bool]) -> None:
         """Close or open, right and left, with the next poll; a command under way is replaced.

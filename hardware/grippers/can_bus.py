@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from unwrinkle.hardware.grippers.base import READ_PERIOD_S, SIDES, GripperPair
+from unwrinkle.hardware.controller.base import DigitalIo
+from unwrinkle.hardware.grippers.base import READ_PERIOD_S, SIDES, GripperPair, Grippers
 from unwrinkle.models.errors import ConnectionLostError, HardwareError
 from unwrinkle.models.site import GripperSite
 
@@ -129,6 +130,34 @@ class CanGrippers(GripperPair):
         right, left = (self._limb(index) for index in range(2))
         return right, left
 
+    @property
+    def found(self) -> str:
+        """Closure of each gripper that answers."""
+        return ", ".join(
+            f"{side} (limb {code}) at {limb.closure:.0%} of its closure"
+            for side, code, limb in zip(SIDES, self._site.limbs, self.limbs, strict=True)
+            if limb is not None
+        )
+
+    @property
+    def problem(self) -> str:
+        """Grippers that do not answer or are not calibrated; empty if there are none."""
+        wrong = []
+        for side, code, limb in zip(SIDES, self._site.limbs, self.limbs, strict=True):
+            if limb is None:
+                wrong.append(f"the {side} gripper (limb {code}) does not answer")
+            elif not limb.calibrated:
+                wrong.append(
+                    f"the {side} gripper is not calibrated; calibrate it (command 0E moves it)"
+                )
+        if None in self.limbs:
+            wrong.append(
+                "check the power supply, the cable, the termination and bit rate of the bus, and "
+                "grippers.limbs"
+            )
+        bus = f"can {self._site.interface} {self._site.channel}"
+        return f"{bus}: {'; '.join(wrong)}" if wrong else ""
+
     def _limb(self, index: int) -> LimbReport | None:
         known = self._known(index)
         if known is None:
@@ -235,3 +264,8 @@ class CanGrippers(GripperPair):
             return None
         scale = self._stroke_length / CLOSED_POSITION
         return self._stroke_length - scale * right[0], self._stroke_length - scale * left[0]
+
+
+def open_can(site: GripperSite, io: DigitalIo | None, stroke: float | None) -> Grippers:
+    """Open the site's bus; see `factory.GripperOpener`."""
+    return CanGrippers(site, open_can_bus(site), stroke=stroke)

@@ -1,7 +1,7 @@
 """Grippers on the robot controller's digital outputs and inputs."""
 
 from unwrinkle.hardware.controller.base import DigitalIo
-from unwrinkle.hardware.grippers.base import READ_PERIOD_S, SIDES, GripperPair
+from unwrinkle.hardware.grippers.base import READ_PERIOD_S, SIDES, GripperPair, Grippers
 from unwrinkle.models.site import GripperSite
 
 
@@ -15,6 +15,15 @@ class DigitalGrippers(GripperPair):
         self._inputs = [a for a in (*site.closed_input, *site.holding_input) if a]
         self._next_read = 0.0
         self._taken: list[bool | None] = [None, None]
+
+    @property
+    def problem(self) -> str:
+        """Inputs that cannot be read; empty if there are none."""
+        missing = [str(a) for a in self._inputs if self._io.inputs.get(a) is None]
+        if not missing:
+            return ""
+        why = self._io.io_problem or "no answer"
+        return f"the grippers' inputs {', '.join(missing)} cannot be read ({why})"
 
     def close(self) -> None:
         """Do nothing; the outputs stay as they are."""
@@ -70,3 +79,9 @@ class DigitalGrippers(GripperPair):
 
     def _holding(self, index: int) -> bool | None:
         return self._sensor(self._site.holding_input[index])
+
+
+def open_digital(site: GripperSite, io: DigitalIo | None, stroke: float | None) -> Grippers:
+    """Use the controller's inputs and outputs; see `factory.GripperOpener`."""
+    assert io is not None
+    return DigitalGrippers(site, io)

@@ -1,13 +1,45 @@
-"""Opening of a site's grippers."""
+"""Kinds of grippers that a site may name, and their opening."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from unwrinkle.hardware.backend import check_kind, imported
 from unwrinkle.hardware.controller.base import DigitalIo
 from unwrinkle.hardware.grippers.base import Grippers
-from unwrinkle.hardware.grippers.digital_io import DigitalGrippers
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.site import GripperSite
+from unwrinkle.models.site import NO_DEVICE, GripperSite
+
+#: Opens grippers: the site, the controller's inputs and outputs, and the opening of an open
+#: gripper, m.
+GripperOpener = Callable[[GripperSite, DigitalIo | None, float | None], Grippers]
 
 
-def open_grippers(
+@dataclass(frozen=True)
+class GripperKind:
+    """Driver of one kind of grippers.
+
+    Attributes:
+        opener: function, or "module:function", imported on first use.
+        needs_io: whether it uses the controller's inputs and outputs.
+    """
+
+    opener: str | GripperOpener
+    needs_io: bool = False
+
+
+#: Drivers by the site's `grippers.kind`; a new gripper is a line here.
+GRIPPERS = {
+    "digital": GripperKind("unwrinkle.hardware.grippers.digital_io:open_digital", needs_io=True),
+    "can": GripperKind("unwrinkle.hardware.grippers.can_bus:open_can"),
+}
+
+
+def needs_io(site: GripperSite) -> bool:
+    """Return whether a site's grippers use the controller's inputs and outputs."""
+    return site.kind != NO_DEVICE and _kind(site).needs_io
+
+
+def make_grippers(
     site: GripperSite, io: DigitalIo | None = None, stroke: float | None = None
 ) -> Grippers:
     """Open the grippers that a site names; nothing moves.
@@ -21,12 +53,19 @@ def open_grippers(
         InputError: the site names none, or they need a controller.
         HardwareError: their bus cannot be opened.
     """
-    if site.kind == "can":
-        from unwrinkle.hardware.grippers.can_bus import CanGrippers, open_can_bus
+    if site.kind == NO_DEVICE:
+        raise InputError(f"grippers.kind is 'none' in the site; give {' or '.join(GRIPPERS)}")
+    kind = _kind(site)
+    if kind.needs_io and io is None:
+        raise InputError(f"{site.kind} grippers need the controller's inputs and outputs")
+    opener: GripperOpener = imported(kind.opener) if isinstance(kind.opener, str) else kind.opener
+    return opener(site, io, stroke)
 
-        return CanGrippers(site, open_can_bus(site), stroke=stroke)
-    if site.kind != "digital":
-        raise InputError(f"grippers.kind is '{site.kind}' in the site; give digital or can")
-    if io is None:
-        raise InputError("digital grippers need the controller's inputs and outputs")
-    return DigitalGrippers(site, io)
+
+def _kind(site: GripperSite) -> GripperKind:
+    """Return the kind that a site names, registered or "module:name"."""
+    check_kind("grippers.kind", site.kind, GRIPPERS)
+    if site.kind in GRIPPERS:
+        return GRIPPERS[site.kind]
+    found = imported(site.kind)
+    return found if isinstance(found, GripperKind) else GripperKind(found)

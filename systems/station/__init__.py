@@ -1,8 +1,12 @@
 """The station: the diagram's ports to the world, in three forms.
 
-- `simulated`: Drake's plant and the simulated cloth.
-- `loopback`: the real drivers, over real connections, against virtual devices.
+- `factory`: `make_station` makes any of them, `preconditions` are those of moving a robot.
+- `base`: what they have in common. `world`: the simulated part of the first two.
+- `simulated`: the trajectory player drives Drake's plant.
+- `loopback/`: the real drivers, over real connections, against virtual devices.
 - `hardware`: the real drivers to a site's devices (`drivers/`).
+- `arm_plant`, `arm_controller`, `grippers`, `head`, `cameras`, `photographer`, `cloth`,
+  `motion_log`: the simulated machines.
 """
 
 import lazy_loader

@@ -12,68 +12,19 @@ output              meaning
 ==================  ==============================================================
 """
 
-import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 
-from unwrinkle.models.robot import Cell
-from unwrinkle.perception.stereo.head import StereoHead
 from unwrinkle.simulation.arms.trajectory_player import PlayerSettings
-from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.systems.station.arm_controller import ArmControllerSystem
-from unwrinkle.systems.station.world import (
-    ControlsBuilder,
-    SimulatedStation,
-    StationControls,
-    StationFaults,
-    World,
-    start_posture,
-)
+from unwrinkle.systems.station.world import ControlsBuilder, StationControls, World
 
 
-def build_sim_station(
-    cell: Cell,
-    cloth: Cloth,
-    state: ClothState,
-    *,
-    head: StereoHead,
-    seed: int,
-    start: NDArray[np.floating] | None = None,
-    faults: StationFaults | None = None,
-    player: PlayerSettings | None = None,
-) -> SimulatedStation:
-    """Build the simulated station, a diagram called "station".
+def direct_controls(player: PlayerSettings | None = None) -> ControlsBuilder:
+    """Return a builder of controls without connections: the trajectory player drives the axes, and
+    commands go to the simulated devices.
 
     Args:
-        cell: robot and cell; its scenario states the periods, the sensor and the garment's texture.
-        cloth: solver of the cloth.
-        state: initial state of the cloth.
-        head: true stereo head.
-        seed: seed of the head's rest errors, the texture and the images' noise.
-        start: (13,) initial posture of the axes, rad; home if left out.
-        faults: faults to simulate; none if left out.
         player: settings of the arms' controller; the defaults if left out.
-
-    Raises:
-        InputError: the start is no posture or beyond the limits, a period is no multiple of the
-            cloth's time step, or a texture, sensor or fault is unknown.
-    """
-    return SimulatedStation(
-        cell,
-        cloth,
-        state,
-        head,
-        seed=seed,
-        start=start_posture(cell, cloth, start),
-        faults=faults or StationFaults(),
-        controls=_controls(player),
-    )
-
-
-def _controls(player: PlayerSettings | None) -> ControlsBuilder:
-    """Return a builder of direct controls.
-
-    The trajectory player drives the axes, commands go to the simulated devices.
     """
 
     def build(builder: DiagramBuilder, world: World) -> StationControls:

@@ -11,9 +11,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import (
-    Diagram,
     DiagramBuilder,
     InputPort,
     OutputPort,
@@ -24,6 +23,8 @@ from unwrinkle.models.arrays import Array
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
+from unwrinkle.models.scenario import StationForm
+from unwrinkle.models.site import Site
 from unwrinkle.perception.stereo.head import StereoHead
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.outlines import outline
@@ -34,6 +35,7 @@ from unwrinkle.systems.station.arm_plant import (
     build_arm_plant,
     connect_servos,
 )
+from unwrinkle.systems.station.base import Station
 from unwrinkle.systems.station.cameras import CameraSystem
 from unwrinkle.systems.station.cloth import ClothSystem
 from unwrinkle.systems.station.grippers import GripperSystem
@@ -97,14 +99,15 @@ class StationControls:
 ControlsBuilder = Callable[[DiagramBuilder, World], StationControls]
 
 
-class SimulatedStation(Diagram):
+class SimulatedStation(Station):
     """Station whose robot, head, cameras and cloth are simulated.
 
     Attributes:
-        cloth: solver of the cloth, which interprets `truth.cloth`.
         motion_log: measured motion; its methods take the root context.
         plant: plant of the robot, for limits and names.
     """
+
+    cloth: Cloth  # interprets `truth.cloth`
 
     def __init__(
         self,
@@ -117,10 +120,13 @@ class SimulatedStation(Diagram):
         start: Array,
         faults: StationFaults,
         controls: ControlsBuilder,
+        form: StationForm = StationForm.SIM,
+        site: Site | None = None,
     ) -> None:
-        """Build the diagram; see `build_sim_station` and `build_loopback_station`."""
+        """Build the diagram; see `make_station`."""
         super().__init__()
-        self.cloth = cloth
+        self.cell, self.cloth, self.head, self.seed = cell, cloth, head, seed
+        self.form, self.site = form, site
         builder = DiagramBuilder()
         settings = cell.scenario.station
         arm = build_arm_plant(cell, settings.plant_step)
@@ -207,7 +213,7 @@ def simulated_cloth(cell: Cell) -> Cloth:
     return Cloth(shape, load_material(garment.material), table)
 
 
-def start_posture(cell: Cell, cloth: Cloth, start: NDArray[np.floating] | None) -> Array:
+def start_posture(cell: Cell, cloth: Cloth, start: ArrayLike | None) -> Array:
     """Check the start of a simulated station and return its posture (13,), rad; home if left out.
 
     Raises:

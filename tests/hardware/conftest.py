@@ -21,7 +21,7 @@ from unwrinkle.simulation.controllers.controller import (
     VirtualControllerSettings,
 )
 from unwrinkle.simulation.controllers.server import ControllerServer, ServerFault
-from unwrinkle.systems.station.lockstep import MAX_REQUESTS_PER_STEP
+from unwrinkle.systems.station.loopback.lockstep import MAX_REQUESTS_PER_STEP
 
 TrajectoryMaker = Callable[..., Trajectory]
 
@@ -121,13 +121,10 @@ class Rig:
 
     def turn(self, step: float = 0.004, serve: bool = True) -> None:
         """Move on, the server first."""
-        self.time += step
         if serve:
-            self.measured += (self.controller.axis_positions - self.measured) * (
-                1.0 if self.lag == 0.0 else min(step / self.lag, 1.0)
-            )
-            self.server.poll(self.time, self.measured)
-            self._arrive(self.server.links, self.driver.links)
+            self._serve(step)
+        else:
+            self.time += step
         for _ in range(MAX_REQUESTS_PER_STEP if serve else 1):
             before = self._asked()
             self.driver.poll(self.time)
@@ -136,6 +133,20 @@ class Rig:
                 break
             self.server.answer()
             self._arrive(self.server.links, self.driver.links)
+
+    def turn_server(self, step: float = 0.001) -> None:
+        """Move on the server alone, after the driver was polled by something else."""
+        self._arrive(self.driver.links, self.server.links)
+        self.server.answer()
+        self._serve(step)
+
+    def _serve(self, step: float) -> None:
+        self.time += step
+        self.measured += (self.controller.axis_positions - self.measured) * (
+            1.0 if self.lag == 0.0 else min(step / self.lag, 1.0)
+        )
+        self.server.poll(self.time, self.measured)
+        self._arrive(self.server.links, self.driver.links)
 
     def _asked(self) -> tuple[str, int]:
         link = self.driver.links.get("motion")

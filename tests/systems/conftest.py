@@ -4,6 +4,7 @@ import dataclasses as dc
 import threading
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,6 @@ import numpy as np
 import pytest
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Diagram
 
 from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.flattening.station_messages import (
@@ -33,9 +33,8 @@ from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.outlines import outline
 from unwrinkle.site.virtual_equipment import VirtualEquipment
-from unwrinkle.systems.station.hardware import build_hardware_station
-from unwrinkle.systems.station.loopback import build_loopback_station
-from unwrinkle.systems.station.simulated import build_sim_station
+from unwrinkle.systems.station.base import Station
+from unwrinkle.systems.station.factory import make_station
 
 
 class Bench:
@@ -44,8 +43,16 @@ class Bench:
     def __init__(self, cell: Cell, state: ClothState | None = None, **options: Any) -> None:
         head = nominal_calibration().stereo_head(cell.limits.head)
         cloth = Cloth(outline("towel", 32), load_material("terry"), TABLE)
-        self.station: Diagram = self._built(
-            cell, cloth, state or cloth.flat((0.0, -1.1)), head=head, seed=1, **options
+        self.devices = ExitStack()
+        self.station = self.devices.enter_context(
+            self._made(
+                cell,
+                cloth=cloth,
+                state=state or cloth.flat((0.0, -1.1)),
+                head=head,
+                seed=1,
+                **options,
+            )
         )
         self.simulator = Simulator(self.station)
         self.context = self.simulator.get_mutable_context()
@@ -56,8 +63,8 @@ class Bench:
         self.simulator.Initialize()
         self.number = 0
 
-    def _built(self, *args: Any, **options: Any) -> Diagram:
-        return build_sim_station(*args, **options)
+    def _made(self, cell: Cell, **options: Any) -> AbstractContextManager[Station]:
+        return make_station(cell, form="sim", **options)
 
     def send(self, port: str, command: Any) -> None:
         self.station.GetInputPort(port).FixValue(self.context, Value(command))
@@ -139,13 +146,12 @@ class Rig(Bench):
             self._devices = Devices(cell, folder)
         super().__init__(cell)
 
-    def _built(self, cell: Cell, *args: Any, **options: Any) -> Diagram:
-        if self._form == "sim":
-            return build_sim_station(cell, *args, **options)
-        if self._form == "loopback":
-            return build_loopback_station(cell, *args, **options)
-        assert self._devices is not None
-        return build_hardware_station(cell, self._devices.site, head=options["head"])
+    def _made(self, cell: Cell, **options: Any) -> AbstractContextManager[Station]:
+        if self._devices is None:
+            return make_station(cell, form=self._form, **options)
+        return make_station(
+            cell, form=self._form, site=self._devices.site, head=options["head"], go=True
+        )
 
     @property
     def simulated(self) -> bool:
@@ -186,8 +192,7 @@ class Rig(Bench):
         self.station.GetInputPort("speed_override").FixValue(self.context, [value])
 
     def close(self) -> None:
-        if self._form != "sim":
-            self.station.close()
+        self.devices.close()
         if self._devices is not None:
             self._devices.close()
 

@@ -3,7 +3,10 @@
 from pathlib import Path
 
 from unwrinkle.closed_loop.run import RunEnding
-from unwrinkle.closed_loop.session import Choices, begin_run
+from unwrinkle.closed_loop.session import Choices, begin_run, begin_run_on
+from unwrinkle.flattening.state_machine import Approve
+from unwrinkle.models.errors import InputError
+from unwrinkle.systems.station.base import Station
 
 
 def flatten(
@@ -17,9 +20,10 @@ def flatten(
     scale: float | None = None,
     arms: str | None = None,
     actions: int | None = None,
-    station: str | None = None,
+    station: str | Station | None = None,
+    approve: Approve | None = None,
 ) -> RunEnding:
-    """Run the closed loop in the simulated cell until the garment is flat or the run stops.
+    """Run the closed loop until the garment is flat or the run stops.
 
     Options left out are taken from the scenario.
 
@@ -33,13 +37,17 @@ def flatten(
         scale: scale of the head's pictures: 1 (16 megapixels), 0.5, 0.25 or 0.125.
         arms: `any`, `dual` or `single`.
         actions: maximum number of actions.
-        station: `sim`, or `loopback`: the drivers over real connections, against virtual devices.
+        station: `sim`, or `loopback`: the drivers over real connections, against virtual devices;
+            or a station of `make_station`, which states the scenario and the seed.
+        approve: callback that asks the operator about each verified plan; required by a station
+            that moves a robot.
 
     Returns:
         How it ended: `status` (flat, stopped, fault, interrupted) and `reason`.
 
     Raises:
-        InputError: an input is bad, or the folder holds a run already or cannot be written.
+        InputError: an input is bad, choices are given beside a station, or the folder holds a run
+            already or cannot be written.
     """
     choices = Choices(
         garment=garment,
@@ -49,7 +57,11 @@ def flatten(
         scale=scale,
         arms=arms,
         actions=actions,
-        station=station,
+        station=None if isinstance(station, Station) else station,
     )
-    session = begin_run(choices, None if scenario is None else Path(scenario), Path(folder))
-    return session.run()
+    if isinstance(station, Station):
+        if scenario is not None or choices != Choices(seed=0):
+            raise InputError("the station states scenario and seed; leave the other choices out")
+        return begin_run_on(station, Path(folder), approve=approve).run()
+    file = None if scenario is None else Path(scenario)
+    return begin_run(choices, file, Path(folder), approve=approve).run()

@@ -90,7 +90,7 @@ class FlatteningRun:
             watchers: observers, called in order after every period.
         """
         self._loop, self._watchers = loop, watchers
-        self._period = loop.cell.scenario.station.feedback_period
+        self._period = loop.station.cell.scenario.station.feedback_period
         self._simulator = Simulator(loop.diagram)
         self._seconds = Seconds()
         self._steps = 0
@@ -98,7 +98,7 @@ class FlatteningRun:
         context = self._simulator.get_mutable_context()
         self._interrupt = loop.diagram.GetInputPort("interrupt")
         self._interrupt.FixValue(context, [0.0])
-        self.station = StationView(loop.station, context, loop.cloth)
+        self.station = StationView(loop.station, context)
 
     @property
     def context(self) -> Context:
@@ -139,7 +139,7 @@ class FlatteningRun:
         now = self.supervisor_state
         mode, spent = before.mode, time.perf_counter() - clock
         if before.action.look != self._seconds.look:
-            if self._loop.real:
+            if self._loop.station.real:
                 gc.collect()  # the arms are at rest here, see `garbage`
             self._seconds = Seconds(before.action.look)
         by_mode = self._seconds.by_mode
@@ -150,7 +150,7 @@ class FlatteningRun:
     def _advance(self) -> None:
         self._steps += 1  # a multiple of the period has no accumulated error of rounding
         self._simulator.AdvanceTo(self._steps * self._period)
-        if self._loop.real:
+        if self._loop.station.real:
             self._await_due()
 
     def _await_due(self) -> None:

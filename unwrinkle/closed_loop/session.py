@@ -8,7 +8,7 @@ import logging
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,9 @@ from unwrinkle import __version__
 from unwrinkle.closed_loop.recorder import Recorder
 from unwrinkle.closed_loop.run import FlatteningRun, RunEnding, Watcher, failure
 from unwrinkle.closed_loop.setup import (
-    HARDWARE,
-    LOOPBACK,
     Loop,
-    build_loop,
+    loop_around,
+    open_loop,
     scenario_text,
     with_choices,
 )
@@ -30,12 +29,13 @@ from unwrinkle.garbage import gc_disabled
 from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.interrupts import StopSignals
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.scenario import Scenario, load_scenario
+from unwrinkle.models.scenario import Scenario, StationForm, load_scenario
 from unwrinkle.models.site import Site
 from unwrinkle.report.page import write_report
 from unwrinkle.report.replay import write_replay
 from unwrinkle.runs.folder import RunFolder, RunSettings, command_line
 from unwrinkle.simulation.cloth.cloth import ClothState
+from unwrinkle.systems.station.base import Station
 
 _log = logging.getLogger(__name__)
 
@@ -74,11 +74,19 @@ class Choices:
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """A loop, the folder of its record, and the log of its controller, if it has one."""
+    """A loop and the folder of its record.
+
+    Attributes:
+        loop: station and diagram.
+        folder: of the record.
+        log: of the controller, if the station has one.
+        devices: closed at the end of the run.
+    """
 
     loop: Loop
     folder: RunFolder
     log: RunLog | None = None
+    devices: ExitStack = field(default_factory=ExitStack)
 
     def run(
         self, watchers: tuple[Watcher, ...] = (), left: Callable[[], bool] = lambda: False
@@ -98,19 +106,21 @@ class Session:
                 finished.
         """
         clock = time.perf_counter()
-        recorder = Recorder(self.folder, self.loop.cell)
+        recorder = Recorder(self.folder, self.loop.station.cell)
         with (
             StopSignals(armed=True, second_raises=True) as interrupts,
             ExitStack() as at_end,
         ):
-            if self.loop.real:
+            if self.loop.station.real:
                 at_end.enter_context(gc_disabled())
             if self.log is not None:
                 at_end.callback(self.log.close)
-            at_end.callback(self.loop.close)
+            at_end.enter_context(self.devices)
             run = FlatteningRun(self.loop, (recorder, *watchers))
             try:
-                ending = run.run(lambda: bool(interrupts.name) or (self.loop.real and left()))
+                ending = run.run(
+                    lambda: bool(interrupts.name) or (self.loop.station.real and left())
+                )
             except BaseException as error:
                 status, reason = failure(error)
                 if isinstance(error, KeyboardInterrupt):
@@ -124,7 +134,7 @@ class Session:
 
     def _log_result(self, status: str, reason: str, run: FlatteningRun) -> None:
         if self.log is not None:
-            now = time.monotonic() if self.loop.real else run.station.time
+            now = time.monotonic() if self.loop.station.real else run.station.time
             with suppress(OSError):
                 self.log.event(now, "result", reason, outcome=status)
 
@@ -140,7 +150,7 @@ class Session:
         pages = (
             lambda: self.folder.finish(status, reason, figures),
             lambda: write_report(self.folder),
-            lambda: write_replay(self.folder, self.loop.cell),
+            lambda: write_replay(self.folder, self.loop.station.cell),
         )
         for write in pages:
             try:
@@ -178,11 +188,34 @@ def begin_run(
     log = _log_of(chosen, path, site)
     with ExitStack() as on_failure:
         on_failure.callback(_discard, log)
-        loop = build_loop(chosen, seed=seed, site=site, log=log, approve=approve)
+        devices = on_failure.enter_context(ExitStack())
+        loop = devices.enter_context(
+            open_loop(chosen, seed=seed, site=site, log=log, approve=approve)
+        )
         on_failure.pop_all()
     folder = RunFolder.create(path, _settings(chosen, seed))
     _save_cloth(folder, loop)
-    return Session(loop, folder, log)
+    return Session(loop, folder, log, devices)
+
+
+def begin_run_on(station: Station, out: Path, *, approve: Approve | None = None) -> Session:
+    """Begin a run on a station, which its maker closes.
+
+    Args:
+        station: of any form.
+        out: folder of the run.
+        approve: see `begin_run`; required by a station that moves a robot.
+
+    Raises:
+        InputError: the folder holds a run already or cannot be written, or nobody approves plans.
+    """
+    RunFolder.check_free(out)
+    loop = loop_around(station, approve=approve)
+    scenario = station.cell.scenario
+    chosen = dc.replace(scenario, station=dc.replace(scenario.station, form=str(station.form)))
+    folder = RunFolder.create(out, _settings(chosen, station.seed))
+    _save_cloth(folder, loop)
+    return Session(loop, folder)
 
 
 def resume_run(
@@ -216,24 +249,27 @@ def resume_run(
     if last is not None:
         look = folder.look(last)
         policy_state = PolicyState.from_json(look.action().memory)
-        if scenario.station.form != HARDWARE:
+        if scenario.station.form != StationForm.HARDWARE:
             state = ClothState.load(look.after_file)
     log = _log_of(scenario, folder.path, site)
     with ExitStack() as on_failure:
         on_failure.callback(_discard, log)
-        loop = build_loop(
-            scenario,
-            seed=folder.settings.seed,
-            state=state,
-            policy_state=policy_state,
-            site=site,
-            log=log,
-            approve=approve,
+        devices = on_failure.enter_context(ExitStack())
+        loop = devices.enter_context(
+            open_loop(
+                scenario,
+                seed=folder.settings.seed,
+                state=state,
+                policy_state=policy_state,
+                site=site,
+                log=log,
+                approve=approve,
+            )
         )
         on_failure.pop_all()
     folder.resume()
     _save_cloth(folder, loop)
-    return Session(loop, folder, log)
+    return Session(loop, folder, log, devices)
 
 
 def _cell_of(site: Site | None, scenario: Path | None) -> Path | None:
@@ -254,13 +290,13 @@ def _cell_of(site: Site | None, scenario: Path | None) -> Path | None:
 
 def _log_of(scenario: Scenario, path: Path, site: Site | None) -> RunLog | None:
     """Create a log in a run's folder if the station has a controller driver."""
-    if scenario.station.form not in (LOOPBACK, HARDWARE):
+    if scenario.station.form == StationForm.SIM:
         return None
     count = len(list(path.glob("controller-*.jsonl"))) if path.is_dir() else 0
     form = scenario.station.form
     name = form if site is None else site.name
     header: dict[str, Any] = {"version": __version__, "station": form, "site": name}
-    if form == LOOPBACK:
+    if form == StationForm.LOOPBACK:
         header["clock"] = 0.0  # its times are those of the simulation
     return RunLog.create(path / f"controller-{count + 1}.jsonl", header)
 
@@ -292,8 +328,8 @@ def _settings(scenario: Scenario, seed: int) -> RunSettings:
 
 
 def _save_cloth(folder: RunFolder, loop: Loop) -> None:
-    if loop.cloth is not None:
-        folder.save_cloth(loop.cloth.triangles, loop.cloth.rest)
+    if loop.station.cloth is not None:
+        folder.save_cloth(loop.station.cloth.triangles, loop.station.cloth.rest)
 
 
 def _unused(path: Path) -> Path:

@@ -1,8 +1,8 @@
 """Build the loop from a scenario: cell, head, cloth, station and diagram."""
 
 import dataclasses as dc
-import datetime
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,28 +14,16 @@ from unwrinkle.flattening.state import SupervisorSettings
 from unwrinkle.flattening.state_machine import Approve
 from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.robot import Cell, load_cell
-from unwrinkle.models.scenario import Scenario, resolve, with_sensor
-from unwrinkle.models.site import Site, loopback_site
+from unwrinkle.models.robot import load_cell
+from unwrinkle.models.scenario import Scenario, StationForm, with_sensor
+from unwrinkle.models.site import Site
 from unwrinkle.perception.stereo.compile_cache import ensure_compiled
-from unwrinkle.perception.stereo.head import StereoHead
-from unwrinkle.perception.stereo.head_file import load_calibration, nominal_calibration
-from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
-from unwrinkle.simulation.cloth.initial_states import start_state
-from unwrinkle.site.preflight_checks import check_calibration
+from unwrinkle.simulation.cloth.cloth import ClothState
 from unwrinkle.systems.diagram import build_flattening_diagram
-from unwrinkle.systems.station.hardware import build_hardware_station
-from unwrinkle.systems.station.loopback import build_loopback_station
-from unwrinkle.systems.station.simulated import build_sim_station
-from unwrinkle.systems.station.world import (
-    SimulatedStation,
-    StationFaults,
-    simulated_cloth,
-)
+from unwrinkle.systems.station.base import Station
+from unwrinkle.systems.station.factory import make_station
+from unwrinkle.systems.station.world import StationFaults
 
-#: Forms of the station other than the plain simulation.
-LOOPBACK = "loopback"
-HARDWARE = "hardware"
 #: Values of `--sensor` with the kind of sensor and the depth camera in the scenario.
 SENSORS = {
     "stereo": ("stereo", None),
@@ -47,28 +35,15 @@ SENSORS = {
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """Everything that a run needs.
+    """A station, and the diagram around it.
 
     Attributes:
-        cell: robot and cell.
-        head: stereo head.
-        cloth: solver of the simulated garment; None if the station is not simulated.
-        station: station with the ports that `systems.diagram` connects.
+        station: with the ports that `systems.diagram` connects.
         diagram: station, perception, planner, verification and supervisor.
-        seed: seed of all random numbers.
-        real: whether the station's devices run in real time, so that the diagram must not be
-            faster.
-        close: function that closes the station's devices; repeated calls have no effect.
     """
 
-    cell: Cell
-    head: StereoHead
-    cloth: Cloth | None
-    station: Diagram
+    station: Station
     diagram: Diagram
-    seed: int
-    real: bool = False
-    close: Callable[[], None] = lambda: None
 
 
 def with_choices(
@@ -112,7 +87,8 @@ def scenario_text(scenario: Scenario, name: str = "Run") -> str:
     return yaml.safe_dump({name: dc.asdict(scenario)}, sort_keys=False)
 
 
-def build_loop(
+@contextmanager
+def open_loop(
     scenario: Scenario,
     *,
     seed: int = 0,
@@ -122,8 +98,8 @@ def build_loop(
     site: Site | None = None,
     log: RunLog | None = None,
     approve: Approve | None = None,
-) -> Loop:
-    """Build cell, station and diagram.
+) -> Iterator[Loop]:
+    """Make the station of a scenario and the diagram around it; the station is closed at the end.
 
     Args:
         scenario: scenario with the user's choices.
@@ -133,110 +109,51 @@ def build_loop(
         faults: faults of the station to simulate, for tests.
         site: devices; required by the hardware station, optional for the loopback station.
         log: run log of the controller; unused in the sim station.
-        approve: callback that asks the operator about each verified plan; None approves every plan.
+        approve: callback that asks the operator about each verified plan; None approves every plan,
+            which the hardware station does not permit.
 
     Raises:
-        InputError: the scenario names something unknown, the garment does not fit the table, or the
-            site is missing or lacks a device.
+        InputError: see `make_station`.
         HardwareError: a device does not get ready.
     """
-    if scenario.sensor.kind == "stereo":
-        ensure_compiled()  # so that this run is reproducible bit by bit
-    form = scenario.station.form
-    if form == HARDWARE:
-        return _on_hardware(
-            scenario, seed=seed, policy_state=policy_state, site=site, log=log, approve=approve
-        )
-    cell = load_cell(scenario)
-    head = nominal_calibration().stereo_head(cell.limits.head)
-    cloth = simulated_cloth(cell)
-    if state is None:
-        x, y = scenario.garment_centre
-        state = start_state(cloth, scenario.station.garment.start, (x, y), seed)
-    settings, close = SupervisorSettings(), lambda: None
-    station: SimulatedStation
-    if form == LOOPBACK:
-        site = site or loopback_site()
-        settings = SupervisorSettings.of_site(site)
-        station = build_loopback_station(
-            cell, cloth, state, head=head, seed=seed, faults=faults, site=site, log=log
-        )
-        close = station.close
-    else:
-        station = build_sim_station(cell, cloth, state, head=head, seed=seed, faults=faults)
-    diagram = build_flattening_diagram(
-        cell,
-        station,
-        head,
-        settings=settings,
-        policy_state=policy_state,
-        approve=approve,
+    if scenario.station.form == StationForm.SIM:
+        site = None
+    with make_station(
+        load_cell(scenario),
+        site=site,
         seed=seed,
-    )
-    return Loop(
-        cell=cell,
-        head=head,
-        cloth=cloth,
-        station=station,
-        diagram=diagram,
-        seed=seed,
-        close=close,
-    )
+        state=state,
+        faults=faults,
+        log=log,
+        go=approve is not None,
+    ) as station:
+        yield loop_around(station, policy_state=policy_state, approve=approve)
 
 
-def _on_hardware(
-    scenario: Scenario,
-    *,
-    seed: int,
-    policy_state: PolicyState | None,
-    site: Site | None,
-    log: RunLog | None,
-    approve: Approve | None,
+def loop_around(
+    station: Station, *, policy_state: PolicyState | None = None, approve: Approve | None = None
 ) -> Loop:
-    """Build the loop around a site's devices, with the site's speed and calibration.
+    """Build the diagram around a station.
+
+    Args:
+        station: of any form.
+        policy_state: state of the policy of a resumed run.
+        approve: see `open_loop`.
 
     Raises:
-        InputError: there is no operator to approve plans, the site is under commissioning, or its
-            calibration is missing or too old.
+        InputError: the station moves a robot, and nobody approves plans.
     """
-    if site is None:
-        raise InputError(
-            "the hardware station needs --site FILE; examples are in models/data/sites"
-        )
-    if approve is None:
-        raise InputError(
-            f"the hardware station moves the robot of site {site.name}: add --go to permit this, "
-            "or rehearse with --station loopback"
-        )
-    if site.commissioning:
-        raise InputError(
-            f"site {site.name} is under commissioning: run single plans with `unwrinkle execute` "
-            "first; then set commissioning: false"
-        )
-    if scenario.sensor.kind == "stereo":
-        check_calibration(site, datetime.date.today())
-    cell = load_cell(scenario)
-    calibration = (
-        load_calibration(resolve(site.calibration)) if site.calibration else nominal_calibration()
-    )
-    head = calibration.stereo_head(cell.limits.head)
-    station = build_hardware_station(cell, site, head=head, log=log)
+    if station.real and approve is None:
+        raise InputError("the station moves a robot, so that `approve` has to ask about each plan")
+    if station.cell.scenario.sensor.kind == "stereo":
+        ensure_compiled()  # so that this run is reproducible bit by bit
     diagram = build_flattening_diagram(
-        cell,
+        station.cell,
         station,
-        head,
-        settings=SupervisorSettings.of_site(site),
+        station.head,
+        settings=None if station.site is None else SupervisorSettings.of_site(station.site),
         policy_state=policy_state,
         approve=approve,
-        seed=seed,
+        seed=station.seed,
     )
-    return Loop(
-        cell=cell,
-        head=head,
-        cloth=None,
-        station=station,
-        diagram=diagram,
-        seed=seed,
-        real=True,
-        close=station.close,
-    )
+    return Loop(station, diagram)

@@ -3,12 +3,13 @@
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import Context, Diagram
+from pydrake.systems.framework import Context
 
 from unwrinkle.flattening.station_messages import DepthImage, GripperStatus, HeadImage
 from unwrinkle.models.arrays import Array
-from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
+from unwrinkle.simulation.cloth.cloth import ClothState
 from unwrinkle.simulation.cloth.measures import coverage, largest_height, overstretch
+from unwrinkle.systems.station.base import Station
 from unwrinkle.systems.station.motion_log import MotionLog, StationMotion
 
 #: Output port of the simulated cloth's state; only simulated stations have it.
@@ -18,21 +19,17 @@ TRUTH = "truth.cloth"
 class StationView:
     """Read a station's output ports from a context that advances with the run."""
 
-    def __init__(self, station: Diagram, root: Context, cloth: Cloth | None) -> None:
+    def __init__(self, station: Station, root: Context) -> None:
         """Observe a station.
 
         Args:
             station: station with the ports that `systems.diagram` connects.
             root: context of the root diagram.
-            cloth: solver of the simulated cloth; None if the station is not simulated.
         """
         self._station, self._root = station, root
         self._context = station.GetMyContextFromRoot(root)
         self._log: MotionLog | None = getattr(station, "motion_log", None)
-        names = {
-            station.get_output_port(index).get_name() for index in range(station.num_output_ports())
-        }
-        self._cloth = cloth if TRUTH in names else None
+        self._cloth = station.cloth
 
     def _of(self, name: str) -> Any:
         return self._station.GetOutputPort(name).Eval(self._context)

@@ -23,8 +23,8 @@ class LiveWatcher:
 
     def __init__(self, loop: Loop, meshcat: Any) -> None:
         """Send the cell to a Meshcat."""
-        triangles = None if loop.cloth is None else loop.cloth.triangles
-        self._view = LiveView(loop.cell, meshcat, triangles)
+        triangles = None if loop.station.cloth is None else loop.station.cloth.triangles
+        self._view = LiveView(loop.station.cell, meshcat, triangles)
         self._periods = 0
         self._meshcat, self._opened = meshcat, False
         self.closed = False

@@ -127,7 +127,7 @@ def flatten(
         with console.status("preparing the cell and the garment"):
             session = begin_run(choices, scenario, out, site=where, approve=approve)
     if approve is not None:
-        approve.preview = session.folder.path / "preview.html", session.loop.cell
+        approve.preview = session.folder.path / "preview.html", session.loop.station.cell
     console.print(f"run {session.folder.path}", highlight=False, soft_wrap=True)
     live = (sys.stdout.isatty() if live is None else live) or port is not None
     ending = _run(session, console, live=live, port=port)

@@ -24,7 +24,6 @@ from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification.verdict import Verdict
 from unwrinkle.planning.verification.verifier import verify
 from unwrinkle.site.preflight_checks import (
-    check_calibration,
     check_governor,
     check_groups,
     check_log,
@@ -35,6 +34,7 @@ from unwrinkle.site.preflight_checks import (
     most_speed,
     tip_speed,
 )
+from unwrinkle.systems.station.preconditions import check_calibration
 
 #: Maximum share of the planned speed in a plan's first run at a site under commissioning.
 FIRST_RUN_SPEED = 0.1

@@ -20,13 +20,13 @@ from unwrinkle.execution.preflight import Preflight, preflight, recheck
 from unwrinkle.flattening.execution.settings import ExecutionSettings
 from unwrinkle.flattening.execution.state import ExecutionResult, Outcome
 from unwrinkle.garbage import gc_disabled
+from unwrinkle.hardware.equipment import Equipment, connected
 from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.interrupts import StopSignals
 from unwrinkle.models.errors import HardwareError, InputError, UnwrinkleError
 from unwrinkle.models.robot import Cell
 from unwrinkle.models.site import Site
 from unwrinkle.planning.plan import FlatteningPlan
-from unwrinkle.site.equipment import SiteEquipment, connected
 from unwrinkle.site.sites import find_site, site_cell
 from unwrinkle.site.virtual_process import virtual_controller
 
@@ -42,7 +42,7 @@ class Robot:
         equipment: driver and grippers.
     """
 
-    def __init__(self, site: Site, cell: Cell, equipment: SiteEquipment, log: RunLog) -> None:
+    def __init__(self, site: Site, cell: Cell, equipment: Equipment, log: RunLog) -> None:
         """Keep the connection that `connect` has made."""
         self.site, self.cell, self.equipment = site, cell, equipment
         self._log = log
@@ -183,7 +183,9 @@ def connect(
         header = {"version": __version__, "site": found.name, "axes": cell.robot.axes}
         run_log = stack.enter_context(RunLog.create(path, header))
         try:
-            equipment = stack.enter_context(connected(found, cell, run_log))
+            equipment = stack.enter_context(
+                connected(found, cell, command="unwrinkle execute", log=run_log)
+            )
         except UnwrinkleError:
             stack.close()
             path.unlink(missing_ok=True)  # it holds nothing but its header

@@ -23,13 +23,13 @@ from unwrinkle.execution.preflight import Preflight, chosen_speed, preflight, re
 from unwrinkle.flattening.execution.settings import ExecutionSettings
 from unwrinkle.flattening.execution.state import ExecutionResult, Outcome
 from unwrinkle.garbage import gc_disabled
+from unwrinkle.hardware.equipment import Equipment, connected
 from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.interrupts import StopSignals
 from unwrinkle.models.errors import HardwareError, InputError, NoVerifiedPlanError
 from unwrinkle.models.io.files import write_text
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification.verifier import verify
-from unwrinkle.site.equipment import SiteEquipment, connected
 from unwrinkle.site.queue_clearing import clear_confirmed
 from unwrinkle.site.sites import find_site, site_cell
 from unwrinkle.viewer.overlay import PreviewSummary
@@ -136,7 +136,9 @@ class ExecutionSession:
             log = None if path is None else stack.enter_context(self._create_log(path, speed))
             if path is not None:
                 self._say(f"log     {path}")
-            equipment = stack.enter_context(connected(self._site, self._cell, log))
+            equipment = stack.enter_context(
+                connected(self._site, self._cell, command="unwrinkle execute", log=log)
+            )
             checked = self._check(equipment, speed, path)
             if log is not None:
                 self._log_checks(log, checked, equipment.clock())
@@ -174,7 +176,7 @@ class ExecutionSession:
         }
         return RunLog.create(path, header)
 
-    def _check(self, equipment: SiteEquipment, speed: float, path: Path | None) -> Preflight:
+    def _check(self, equipment: Equipment, speed: float, path: Path | None) -> Preflight:
         equipment.settle()
         checked = preflight(
             self._plan,
@@ -237,7 +239,7 @@ class ExecutionSession:
         check_confirmed(self._plan, typed)
 
     def _execute(
-        self, equipment: SiteEquipment, checked: Preflight, interrupts: StopSignals, log: RunLog
+        self, equipment: Equipment, checked: Preflight, interrupts: StopSignals, log: RunLog
     ) -> ExecutionResult:
         driver, site = equipment.driver, self._site
         page = None

@@ -1,7 +1,5 @@
 from .check import check_site as check_site
-from .equipment import SiteEquipment as SiteEquipment, connected as connected
 from .preflight_checks import (
-    check_calibration as check_calibration,
     check_governor as check_governor,
     check_groups as check_groups,
     check_log as check_log,

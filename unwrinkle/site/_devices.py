@@ -9,15 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from unwrinkle.hardware.cameras.base import PairPicture, expose
-from unwrinkle.hardware.cameras.factory import open_cameras
+from unwrinkle.hardware.cameras.factory import is_depth_camera, make_cameras, make_depth_camera
 from unwrinkle.hardware.cameras.folder import pairs_in
-from unwrinkle.hardware.cameras.openni import OpenNi2Camera
-from unwrinkle.hardware.grippers.base import SIDES
-from unwrinkle.hardware.grippers.can_bus import CanGrippers, open_can_bus
+from unwrinkle.hardware.grippers.factory import make_grippers
 from unwrinkle.hardware.pan_tilt.driver import ARC_SECOND, FAULT, READY, PanTiltDriver
 from unwrinkle.hardware.pan_tilt.serial_port import open_serial
 from unwrinkle.models.errors import HardwareError
-from unwrinkle.models.site import CameraSite, GripperSite, PanTiltSite
+from unwrinkle.models.site import NO_DEVICE, CameraSite, GripperSite, PanTiltSite
 from unwrinkle.perception.stereo.head import StereoHead
 
 #: Time in addition to the site's timeout after which an exposure is aborted, s.
@@ -95,22 +93,23 @@ def check_cameras(site: CameraSite, head: StereoHead | None = None) -> str:
         InputError: the site lacks a setting that its kind of camera needs.
         HardwareError: there is no image, or it cannot be used.
     """
-    if site.kind == "none":
+    if site.kind == NO_DEVICE:
         return "this site has no cameras"
-    if site.kind == "openni2":
+    if is_depth_camera(site):
         return _depth_camera(site)
     if site.kind == "gphoto2" and find_spec("gphoto2") is None:
         raise HardwareError(
             "the package gphoto2 is not installed; install it with: pip install "
             "'unwrinkle[gphoto2]'"
         )
-    camera = open_cameras(site)
+    camera = make_cameras(site)
     try:
         picture = expose(camera, 1, exposure_time(site))
     finally:
         camera.close()
     if picture.left is None or picture.right is None:
-        raise HardwareError(f"{picture.reason}; {_ADVICE[site.kind]}")
+        advice = _ADVICE.get(site.kind, "check the cameras' settings in the site")
+        raise HardwareError(f"{picture.reason}; {advice}")
     height, width = picture.left.shape[:2]
     size = f"{width} x {height} pixels"
     _check_size(size, width, height, head)
@@ -147,7 +146,7 @@ def _times(picture: PairPicture) -> str:
 
 
 def _depth_camera(site: CameraSite) -> str:
-    camera = OpenNi2Camera(site)
+    camera = make_depth_camera(site)
     try:
         camera.start(1)
         end = time.monotonic() + exposure_time(site)
@@ -169,46 +168,29 @@ def _depth_camera(site: CameraSite) -> str:
     when = datetime.fromtimestamp(picture.time).strftime("%H:%M:%S.%f")[:-3]
     colour = "without colour" if picture.colour is None else "with colour"
     return (
-        f"openni2: a depth frame of {width} x {height} pixels {colour} at {when}, "
+        f"{site.kind}: a depth frame of {width} x {height} pixels {colour} at {when}, "
         f"{known.size / picture.depth.size:.0%} of it from {known.min():.2f} to {known.max():.2f} "
         f"m, median {np.median(known):.2f} m"
     )
 
 
-def check_can_grippers(site: GripperSite, clock: Clock, sleep: Sleep) -> str:
-    """Query both grippers on a CAN bus for their positions, for at most the site's timeout.
+def check_grippers(site: GripperSite, clock: Clock, sleep: Sleep) -> str:
+    """Query grippers that are not on the controller, for at most the site's timeout.
 
     Raises:
-        HardwareError: the bus cannot be opened or fails, or a gripper does not answer or is not
-            calibrated.
+        HardwareError: their bus cannot be opened or fails, or a gripper does not answer or is not
+            ready.
     """
-    grippers = CanGrippers(site, open_can_bus(site))
+    grippers = make_grippers(site)
     try:
         end = clock() + site.timeout
-        while None in grippers.limbs and not grippers.status.reason and clock() < end:
-            grippers.poll(clock())
+        grippers.poll(clock())
+        while grippers.problem and not grippers.status.reason and clock() < end:
             sleep(_POLL_PERIOD)
-        limbs, reason = grippers.limbs, grippers.status.reason
+            grippers.poll(clock())
+        problem, found = grippers.status.reason or grippers.problem, grippers.found
     finally:
         grippers.close()
-    if reason:
-        raise HardwareError(reason)
-    found, wrong = [], []
-    for side, code, limb in zip(SIDES, site.limbs, limbs, strict=True):
-        if limb is None:
-            wrong.append(f"the {side} gripper (limb {code}) does not answer")
-            continue
-        found.append(f"{side} (limb {code}) at {limb.closure:.0%} of its closure")
-        if not limb.calibrated:
-            wrong.append(
-                f"the {side} gripper is not calibrated; calibrate it (command 0E moves it)"
-            )
-    bus = f"can {site.interface} {site.channel}"
-    if None in limbs:
-        wrong.append(
-            "check the power supply, the cable, the termination and bit rate of the bus, and "
-            "grippers.limbs"
-        )
-    if wrong:
-        raise HardwareError(f"{bus}: " + "; ".join(wrong))
-    return f"{bus}: " + ", ".join(found)
+    if problem:
+        raise HardwareError(problem)
+    return f"{site.kind}: {found}"

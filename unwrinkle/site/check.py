@@ -14,15 +14,16 @@ from functools import partial
 import numpy as np
 
 from unwrinkle.hardware.controller.driver import QUEUE_LEFT
+from unwrinkle.hardware.grippers.factory import needs_io
 from unwrinkle.models.errors import HardwareError, UnwrinkleError
 from unwrinkle.models.limits import Limits
 from unwrinkle.models.scenario import resolve
-from unwrinkle.models.site import GROUPS, Site
+from unwrinkle.models.site import GROUPS, NO_DEVICE, Site
 from unwrinkle.perception.stereo.head import StereoHead
 from unwrinkle.perception.stereo.head_file import load_calibration
 from unwrinkle.site._controller import ControllerFacts, listen, problem_of, reach, read_inputs
-from unwrinkle.site._devices import check_cameras, check_can_grippers, check_unit, exposure_time
-from unwrinkle.site.preflight_checks import check_calibration
+from unwrinkle.site._devices import check_cameras, check_grippers, check_unit, exposure_time
+from unwrinkle.systems.station.preconditions import check_calibration
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,7 @@ def _motion(site: Site, facts: ControllerFacts | None) -> str:
 
 
 def _io(site: Site) -> str:
-    if not site.needs_io:
+    if not needs_io(site.grippers):
         return "not required: no gripper is switched by the controller's outputs"
     return reach(site.controller, "I/O", site.controller.io_port)
 
@@ -196,10 +197,10 @@ def _positions(site: Site, limits: Limits, facts: ControllerFacts) -> str:
 
 def _grippers(site: Site, clock: Callable[[], float], sleep: Callable[[float], None]) -> str:
     g = site.grippers
-    if g.kind == "none":
+    if g.kind == NO_DEVICE:
         return "this site has no grippers"
-    if g.kind == "can":
-        return check_can_grippers(g, clock, sleep)
+    if not needs_io(g):
+        return check_grippers(g, clock, sleep)
     addresses = sorted({a for a in (*g.closed_input, *g.holding_input) if a} | set(g.close_output))
     values = read_inputs(site.controller, addresses)
     silent = [address for address, value in values.items() if value is None]
@@ -208,4 +209,4 @@ def _grippers(site: Site, clock: Callable[[], float], sleep: Callable[[float], N
             f"the controller refuses the addresses {', '.join(map(str, silent))}; check the "
             "addresses under grippers"
         )
-    return "digital: " + ", ".join(f"{address} is {value}" for address, value in values.items())
+    return f"{g.kind}: " + ", ".join(f"{address} is {value}" for address, value in values.items())

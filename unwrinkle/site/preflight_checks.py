@@ -1,9 +1,8 @@
-"""Preflight checks of speed, clearances, calibration and log.
+"""Preflight checks of speed, clearances and log.
 
 Each returns what it found, or raises `InputError`.
 """
 
-import datetime
 import os
 import tempfile
 from dataclasses import asdict
@@ -14,13 +13,8 @@ import numpy as np
 from unwrinkle.hardware.streaming.firmware_limits import speed_shares, unmoved_group
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
-from unwrinkle.models.scenario import Clearances, resolve
+from unwrinkle.models.scenario import Clearances
 from unwrinkle.models.site import Site
-from unwrinkle.perception.stereo.head_file import (
-    HeadCalibration,
-    load_calibration,
-    nominal_calibration,
-)
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification.motion import legs
 from unwrinkle.planning.verification.verdict import NEAR_BY_DESIGN, Verdict
@@ -146,43 +140,6 @@ def check_margins(verdict: Verdict, cell: Cell, site: Site) -> str:
                 "plan with a scenario of doubled clearances"
             )
     return f"{text}; doubled clearances are kept"
-
-
-def check_calibration(site: Site, today: datetime.date) -> str:
-    """Check that the head's calibration exists, is recent and accurate."""
-    calibration, file = _calibration(site)
-    problems = []
-    age = (today - datetime.date.fromisoformat(calibration.date)).days
-    most = min(site.calibration_days, calibration.valid_days)
-    if age > most:
-        problems.append(f"it is {age} days old, at most {most}")
-    if age < 0:
-        problems.append(f"its date {calibration.date} is in the future")
-    if min(calibration.left.views, calibration.right.views) < 1:
-        problems.append("it is nominal, not measured with a calibration board")
-    residual = max(calibration.left.residual, calibration.right.residual, calibration.row_residual)
-    if residual > site.calibration_residual:
-        problems.append(
-            f"its residual is {residual:.2f} pixels, at most {site.calibration_residual:g}"
-        )
-    label = f"{file}, {calibration.date}"
-    if not problems:
-        return f"{label}, {age} days old, residual {residual:.2f} pixels"
-    text = "; ".join(problems)
-    if site.virtual:
-        return f"{label}: {text}; allowed for virtual equipment only"
-    raise InputError(f"{label}: {text}; calibrate the head again with `unwrinkle calibrate`")
-
-
-def _calibration(site: Site) -> tuple[HeadCalibration, str]:
-    if site.calibration:
-        return load_calibration(resolve(site.calibration)), Path(site.calibration).name
-    if not site.virtual:
-        raise InputError(
-            f"site '{site.name}' names no calibration of the head; make one with `unwrinkle "
-            "calibrate` and name it under calibration"
-        )
-    return nominal_calibration(), "nominal calibration"
 
 
 def check_log(log: Path | None) -> str:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.loader_yaml import models_dir
-from unwrinkle.models.site import Site, load_site
+from unwrinkle.models.site import NO_DEVICE, Site, load_site
 
 if TYPE_CHECKING:
     from unwrinkle.models.robot import Cell
@@ -37,6 +37,10 @@ def find_site(name: str | Path) -> Site:
             f"there is no site '{name}': give a *{_SUFFIX} file, or a shipped site: {known}"
         )
     site = load_site(path)
+    try:
+        _check_kinds(site)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
     folder = path.resolve().parent
     return dc.replace(
         site,
@@ -56,6 +60,17 @@ def site_cell(site: Site) -> "Cell":
     from unwrinkle.models.scenario import load_scenario
 
     return load_cell(load_scenario(site.scenario or None))
+
+
+def _check_kinds(site: Site) -> None:
+    """Refuse devices without a driver."""
+    # Imported here: slow, and commands without a site do not need them.
+    from unwrinkle.hardware.backend import check_kind
+    from unwrinkle.hardware.cameras.factory import CAMERAS
+    from unwrinkle.hardware.grippers.factory import GRIPPERS
+
+    check_kind("grippers.kind", site.grippers.kind, (NO_DEVICE, *GRIPPERS))
+    check_kind("cameras.kind", site.cameras.kind, (NO_DEVICE, *CAMERAS))
 
 
 def _beside(folder: Path, name: str) -> str:

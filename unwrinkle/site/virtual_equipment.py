@@ -16,7 +16,7 @@ from unwrinkle.simulation.controllers.server import ControllerServer, ServerFaul
 from unwrinkle.simulation.controllers.settings import Firmware
 from unwrinkle.simulation.devices.digital_grippers import VirtualDigitalGrippers
 from unwrinkle.simulation.devices.serial_pan_tilt import PtyPort, VirtualSerialPanTilt
-from unwrinkle.systems.station.virtual_devices import unit_settings
+from unwrinkle.systems.station.loopback.virtual_devices import unit_settings
 
 
 class VirtualEquipment:

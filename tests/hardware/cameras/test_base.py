@@ -20,7 +20,7 @@ from unwrinkle.hardware.cameras.base import (
     expose,
     read_picture,
 )
-from unwrinkle.hardware.cameras.factory import open_cameras
+from unwrinkle.hardware.cameras.factory import make_cameras
 from unwrinkle.hardware.cameras.folder import FolderCamera, WatchCamera
 from unwrinkle.hardware.cameras.gphoto import GphotoCamera
 from unwrinkle.hardware.cameras.opencv import OpenCvCamera
@@ -345,7 +345,7 @@ def test_cameras_are_opened_as_the_site_says(tmp_path: Path) -> None:
         (replace(two, kind="opencv"), OpenCvCamera),
         (replace(two, kind="gphoto2"), GphotoCamera),
     ):
-        camera = open_cameras(site)
+        camera = make_cameras(site)
         assert isinstance(camera, kind)
         camera.close()
 
@@ -354,7 +354,7 @@ def test_cameras_are_opened_as_the_site_says(tmp_path: Path) -> None:
     ("site", "words"),
     [
         (CameraSite(), "'none'"),
-        (CameraSite(kind="openni2"), "depth camera"),
+        (CameraSite(kind="openni2"), "not a pair of cameras"),
         (CameraSite(kind="folder"), "needs cameras.folder"),
         (CameraSite(kind="opencv", left="0", right="0"), "two different cameras"),
         (CameraSite(kind="gphoto2", left="1-1"), "two different USB ports"),
@@ -362,13 +362,13 @@ def test_cameras_are_opened_as_the_site_says(tmp_path: Path) -> None:
 )
 def test_sites_that_lack_something_are_refused(site: CameraSite, words: str) -> None:
     with pytest.raises(InputError, match=words):
-        open_cameras(site)
+        make_cameras(site)
 
 
 def test_missing_folders_and_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(HardwareError, match="there is no folder"):
-        open_cameras(CameraSite(kind="watch", folder=str(tmp_path / "none")))
+        make_cameras(CameraSite(kind="watch", folder=str(tmp_path / "none")))
     with pytest.raises(HardwareError, match="has no pair"):
-        open_cameras(CameraSite(kind="folder", folder=str(tmp_path)))
+        make_cameras(CameraSite(kind="folder", folder=str(tmp_path)))
     with pytest.raises(HardwareError, match="cannot read"):
         read_picture(tmp_path / "none.png")

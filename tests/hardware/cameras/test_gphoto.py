@@ -85,7 +85,7 @@ def test_a_childs_pair_is_taken(stage: Stage) -> None:
 
 
 def test_a_child_that_hangs_is_killed_and_started_anew(stage: Stage, tmp_path: Path) -> None:
-    camera, resets = stage("hang,good", timeout=4.0)
+    camera, resets = stage("hang,good", timeout=2.0)
     result = expose(camera, 1, SOON)
     assert result.reason == ""
     assert resets == ["1-1", "1-2"]

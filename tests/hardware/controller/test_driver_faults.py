@@ -160,8 +160,7 @@ def test_single_bytes_are_put_together(
     rig = make_rig(faults=(ServerFault("split"),))
     rig.connect()
     rig.driver.set_override(0.2)
-    trajectory = make_trajectory(2)
-    number = rig.run(trajectory)
+    number = rig.run(make_trajectory(2, reach=0.1))
     rig.until(lambda: rig.state != "running", 60.0)
     assert rig.state == "ready" and rig.driver.status.completed == number, rig.reason
 

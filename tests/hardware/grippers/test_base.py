@@ -11,7 +11,7 @@ import pytest
 from unwrinkle.hardware.grippers.base import GripperReport, Grippers
 from unwrinkle.hardware.grippers.can_bus import CanGrippers, open_can_bus
 from unwrinkle.hardware.grippers.digital_io import DigitalGrippers
-from unwrinkle.hardware.grippers.factory import open_grippers
+from unwrinkle.hardware.grippers.factory import make_grippers
 from unwrinkle.models.errors import HardwareError, InputError
 from unwrinkle.models.site import GripperSite
 from unwrinkle.simulation.devices.can_gripper import VirtualCanGrippers
@@ -329,14 +329,14 @@ def test_can_a_bus_that_fails_is_a_reason() -> None:
 
 
 def test_grippers_are_opened_as_the_site_says() -> None:
-    assert isinstance(open_grippers(SITE, Outputs()), DigitalGrippers)
+    assert isinstance(make_grippers(SITE, Outputs()), DigitalGrippers)
     site = replace(CAN_SITE, channel=f"grippers {next(_CHANNELS)}")
-    grippers = open_grippers(site)
+    grippers = make_grippers(site)
     assert isinstance(grippers, CanGrippers)
     grippers.close()
     with pytest.raises(InputError, match="'none'"):
-        open_grippers(GripperSite())
+        make_grippers(GripperSite())
     with pytest.raises(InputError, match="need the controller"):
-        open_grippers(SITE)
+        make_grippers(SITE)
     with pytest.raises(HardwareError, match="cannot open CAN interface no-such"):
-        open_grippers(replace(CAN_SITE, interface="no-such"))
+        make_grippers(replace(CAN_SITE, interface="no-such"))

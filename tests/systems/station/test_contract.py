@@ -120,7 +120,7 @@ def test_the_override_slows(rig: Any, swing: Swing) -> None:
     while rig.read("controller.status").completed != number:
         rig.go(0.025)
         fastest = max(fastest, float(np.abs(rig.read("joints.velocity_measured")).max()))
-        assert rig.time - begin < 10.0
+        assert rig.time - begin < 10.0, rig.read("controller.status")
     planned = float(np.abs(motion.velocities).max())
     if rig.simulated:
         assert fastest == pytest.approx(0.4 * planned, rel=0.1)

@@ -13,7 +13,7 @@ from unwrinkle import cli
 from unwrinkle.closed_loop.recorder import Recorder
 from unwrinkle.closed_loop.run import FlatteningRun, Seconds
 from unwrinkle.closed_loop.session import Choices, Session, begin_run, resume_run
-from unwrinkle.closed_loop.setup import build_loop, scenario_text, with_choices
+from unwrinkle.closed_loop.setup import open_loop, scenario_text, with_choices
 from unwrinkle.closed_loop.station_view import StationView
 from unwrinkle.flattening.state import SupervisorState
 from unwrinkle.models.errors import InputError
@@ -216,7 +216,7 @@ def test_a_disk_that_is_full_ends_at_rest(
 )
 def test_cameras_that_fail_twice(cameras: dict[int, str], words: str) -> None:
     scenario = with_choices(load_scenario(), start="flat", scale=0.125)
-    loop = build_loop(scenario, faults=StationFaults(cameras=cameras))
-    ending = FlatteningRun(loop).run()
+    with open_loop(scenario, faults=StationFaults(cameras=cameras)) as loop:
+        ending = FlatteningRun(loop).run()
     assert ending.status == "stopped" and words in ending.reason
     assert ending.supervisor_state.policy_state.actions == 0

@@ -70,7 +70,7 @@ def test_a_real_site_needs_the_plans_hash(plan: uw.FlatteningPlan) -> None:
 def test_a_site_that_does_not_answer_leaves_no_log(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(*args: object) -> None:
+    def refuse(*args: object, **named: object) -> None:
         raise uw.HardwareError("nobody answers")
 
     monkeypatch.setattr("unwrinkle.execution.robot.connected", refuse)

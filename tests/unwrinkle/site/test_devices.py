@@ -14,7 +14,9 @@ import cv2
 import numpy as np
 import pytest
 
+from unwrinkle.hardware.cameras.factory import CAMERAS, CameraKind
 from unwrinkle.hardware.cameras.opencv import OpenCvCamera
+from unwrinkle.hardware.cameras.openni import OpenNi2Camera
 from unwrinkle.hardware.grippers.can_bus import GET_POSITION
 from unwrinkle.models.errors import HardwareError, InputError
 from unwrinkle.models.site import CameraSite, GripperSite, PanTiltSite
@@ -24,7 +26,7 @@ from unwrinkle.simulation.devices.serial_pan_tilt import PtyPort, VirtualSerialP
 from unwrinkle.site import _devices
 from unwrinkle.site._devices import (
     check_cameras,
-    check_can_grippers,
+    check_grippers,
     check_unit,
     exposure_time,
 )
@@ -153,7 +155,7 @@ class Device:
 
 def test_opencv_cameras_are_opened(monkeypatch: pytest.MonkeyPatch) -> None:
     site = CameraSite("opencv", left="0", right="2", timeout=5.0, attempts=1)
-    monkeypatch.setattr(_devices, "open_cameras", lambda site: OpenCvCamera(site, Device))
+    monkeypatch.setitem(CAMERAS, "opencv", CameraKind(lambda site: OpenCvCamera(site, Device)))
     assert "opencv: a pair of 64 x 48 pixels" in check_cameras(site)
     with pytest.raises(HardwareError, match=r"camera 9 cannot be opened.*cameras\.right"):
         check_cameras(dc.replace(site, right="9"))
@@ -172,8 +174,9 @@ def test_what_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatch) -> None
 def test_a_depth_frame_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     frame = np.full((480, 640), 1100, np.uint16)
     frame[:240], frame[0, 0] = 0, 900
-    camera = _devices.OpenNi2Camera
-    monkeypatch.setattr(_devices, "OpenNi2Camera", lambda site: camera(site, lambda: frame))
+    monkeypatch.setitem(
+        CAMERAS, "openni2", CameraKind(lambda site: OpenNi2Camera(site, lambda: frame), depth=True)
+    )
     text = check_cameras(CameraSite("openni2", timeout=5.0))
     assert (
         "640 x 480 pixels without colour" in text
@@ -209,7 +212,7 @@ def test_can_grippers_say_where_they_stand(
     grippers: tuple[GripperSite, VirtualCanGrippers],
 ) -> None:
     site, virtual = grippers
-    text = check_can_grippers(site, CLOCK, SLEEP)
+    text = check_grippers(site, CLOCK, SLEEP)
     assert "right (limb 1) at 0% of its closure, left (limb 0) at 0% of its closure" in text
     assert virtual.commands == [] and GET_POSITION == 0x0D, "nothing but questions may be sent"
 
@@ -221,15 +224,15 @@ def test_can_grippers_that_are_wrong(
     with pytest.raises(
         HardwareError, match=r"right gripper \(limb 7\) does not answer; check the power supply"
     ):
-        check_can_grippers(dc.replace(site, limbs=[7, 0], timeout=0.3), CLOCK, SLEEP)
+        check_grippers(dc.replace(site, limbs=[7, 0], timeout=0.3), CLOCK, SLEEP)
     virtual.faults.add("uncalibrated")
     with pytest.raises(HardwareError, match="left gripper is not calibrated"):
-        check_can_grippers(site, CLOCK, SLEEP)
+        check_grippers(dc.replace(site, timeout=0.3), CLOCK, SLEEP)
     virtual.faults.add("silent")
     with pytest.raises(
         HardwareError, match=r"limb 1.* does not answer; .*limb 0.* does not answer"
     ):
-        check_can_grippers(dc.replace(site, timeout=0.3), CLOCK, SLEEP)
+        check_grippers(dc.replace(site, timeout=0.3), CLOCK, SLEEP)
     with pytest.raises(HardwareError, match="cannot open CAN interface nonsense"):
-        check_can_grippers(dc.replace(site, interface="nonsense"), CLOCK, SLEEP)
+        check_grippers(dc.replace(site, interface="nonsense"), CLOCK, SLEEP)
     assert virtual.commands == []

@@ -18,16 +18,16 @@ from unwrinkle.flattening.station_messages import (
     HeadCommand,
     TrajectoryCommand,
 )
+from unwrinkle.hardware.cameras.factory import CAMERAS, CameraKind
 from unwrinkle.hardware.cameras.openni import DepthFrame, OpenNi2Camera
 from unwrinkle.models.errors import HardwareError, InputError
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import load_scenario, with_sensor
 from unwrinkle.models.site import CameraSite, PanTiltSite, Site, loopback_site
-from unwrinkle.perception.stereo.head_file import nominal_calibration
 from unwrinkle.planning.motion_mode import MotionMode
 from unwrinkle.site.virtual_equipment import VirtualEquipment
 from unwrinkle.systems.station.drivers.depth_camera import DepthCameraDriverSystem
-from unwrinkle.systems.station.hardware import HardwareStation, build_hardware_station
+from unwrinkle.systems.station.factory import make_station
 
 pytestmark = pytest.mark.alone
 
@@ -202,10 +202,13 @@ def _go_until(simulator: Any, done: Callable[[], bool]) -> None:
     raise AssertionError("it does not happen")
 
 
-def test_the_hardware_station_sees_with_it(depth_cell: Cell, site: Site, table: Table) -> None:
-    head = nominal_calibration().stereo_head(depth_cell.limits.head)
-    station: HardwareStation = build_hardware_station(depth_cell, site, head=head, grab=table)
-    try:
+def test_the_hardware_station_sees_with_it(
+    depth_cell: Cell, site: Site, table: Table, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(
+        CAMERAS, "openni2", CameraKind(lambda site: OpenNi2Camera(site, table), depth=True)
+    )
+    with make_station(depth_cell, form="hardware", site=site, go=True) as station:
         simulator = Simulator(station)
         context = simulator.get_mutable_context()
         for port, command in (
@@ -223,21 +226,21 @@ def test_the_hardware_station_sees_with_it(depth_cell: Cell, site: Site, table: 
         np.testing.assert_array_equal(
             station.GetOutputPort("head.position_measured").Eval(context), np.zeros(4)
         )
-    finally:
-        station.close()
 
 
 def test_camera_and_sensor_have_to_fit(depth_cell: Cell, station_cell: Cell, site: Site) -> None:
-    head = nominal_calibration().stereo_head(depth_cell.limits.head)
+    def opened(cell: Cell, site: Site) -> None:
+        with make_station(cell, form="hardware", site=site, go=True):
+            raise AssertionError("it was opened")
+
     pairs = dc.replace(site, cameras=CameraSite("folder", folder="."))
     with pytest.raises(InputError, match="is 'folder'; give openni2, or use --sensor stereo"):
-        build_hardware_station(depth_cell, pairs, head=head)
+        opened(depth_cell, pairs)
     turned = dc.replace(site, pan_tilt=PanTiltSite("/dev/one", "/dev/two"))
     with pytest.raises(InputError, match="use --sensor xtion"):
-        build_hardware_station(station_cell, turned, head=head)
+        opened(station_cell, turned)
     with pytest.raises(InputError, match=r"needs cameras.kind, grippers.kind$"):
-        build_hardware_station(
+        opened(
             depth_cell,
             dc.replace(site, cameras=CameraSite(), grippers=dc.replace(site.grippers, kind="none")),
-            head=head,
         )

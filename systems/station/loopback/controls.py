@@ -10,49 +10,43 @@ simulation's clock, so a run is reproducible and as fast as the simulation.
 """
 
 import dataclasses as dc
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 
 from unwrinkle.hardware.controller.driver import ControllerDriver
 from unwrinkle.hardware.controller_state import READY
 from unwrinkle.hardware.grippers.digital_io import DigitalGrippers
+from unwrinkle.hardware.grippers.factory import needs_io
 from unwrinkle.hardware.pan_tilt.driver import PanTiltDriver
 from unwrinkle.hardware.pan_tilt.serial_port import open_serial
 from unwrinkle.hardware.run_log.protocol import RunLogger
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import HardwareError
 from unwrinkle.models.robot import Cell
-from unwrinkle.models.site import Site, loopback_site
+from unwrinkle.models.site import Site
 from unwrinkle.perception.stereo.head import StereoHead
-from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.controllers.controller import VirtualController, VirtualControllerSettings
 from unwrinkle.simulation.controllers.server import ControllerServer
 from unwrinkle.simulation.devices.serial_pan_tilt import VirtualSerialPanTilt
 from unwrinkle.systems.station.drivers.controller import ControllerDriverSystem
 from unwrinkle.systems.station.drivers.grippers import GripperDriverSystem
 from unwrinkle.systems.station.drivers.pan_tilt import PanTiltDriverSystem
-from unwrinkle.systems.station.lockstep import ControllerLockstep, PanTiltLockstep
-from unwrinkle.systems.station.virtual_devices import (
+from unwrinkle.systems.station.loopback.lockstep import ControllerLockstep, PanTiltLockstep
+from unwrinkle.systems.station.loopback.virtual_devices import (
     VirtualControllerSystem,
     VirtualPanTiltSystem,
     unit_settings,
 )
-from unwrinkle.systems.station.world import (
-    SimulatedStation,
-    StationControls,
-    StationFaults,
-    World,
-    start_posture,
-)
+from unwrinkle.systems.station.world import ControlsBuilder, StationControls, World
 
 #: Time for which the devices run before time 0 so that they get ready, s on the simulation's clock.
 _STARTUP_TIME = 3.0
 
 
-class LoopbackEquipment:
+class LoopbackDevices:
     """Drivers and virtual devices of a loopback station; `controls` connects them to its ports.
 
     Attributes:
@@ -83,7 +77,7 @@ class LoopbackEquipment:
         ports = dict(zip(("motion_port", "state_port", "io_port"), self.server.ports, strict=True))
         self._site = dc.replace(site, controller=dc.replace(site.controller, **ports))
         self.driver = ControllerDriver(
-            self._site.controller, limits, log=log, io=self._site.needs_io
+            self._site.controller, limits, log=log, io=needs_io(site.grippers)
         )
         self._lockstep = ControllerLockstep(self.driver, self.server)
         self._units: VirtualPanTiltSystem | None = None
@@ -207,58 +201,24 @@ class LoopbackEquipment:
             )
 
 
-class LoopbackStation(SimulatedStation):
-    """Simulated station behind the real drivers. Build it with `build_loopback_station`.
-
-    Attributes:
-        equipment: drivers and virtual devices.
-    """
-
-    equipment: LoopbackEquipment
-
-    def close(self) -> None:
-        """Close the devices; repeated calls have no effect."""
-        self.equipment.close()
-
-
-def build_loopback_station(
-    cell: Cell,
-    cloth: Cloth,
-    state: ClothState,
-    *,
-    head: StereoHead,
-    seed: int,
-    start: NDArray[np.floating] | None = None,
-    faults: StationFaults | None = None,
-    site: Site | None = None,
-    log: RunLogger | None = None,
-) -> LoopbackStation:
-    """Build the loopback station, a diagram called "station"; `close` it after use.
+@contextmanager
+def loopback_controls(
+    cell: Cell, site: Site, start: Array, *, head: StereoHead, log: RunLogger | None = None
+) -> Iterator[ControlsBuilder]:
+    """Connect the drivers to virtual devices, and yield a builder of controls that go through them.
 
     Args:
-        cell, cloth, state, head, seed, start, faults: see `build_sim_station`.
-        site: settings of the drivers; the shipped ones if left out. The operating system chooses
-            the addresses.
+        cell: robot and cell.
+        site: settings of the drivers; the operating system chooses the ports.
+        start: (13,) initial posture of the axes, rad.
+        head: true stereo head.
         log: run log of what is sent and measured.
 
     Raises:
-        InputError: see `build_sim_station`.
         HardwareError: the devices do not get ready.
     """
-    posture = start_posture(cell, cloth, start)
-    with ExitStack() as on_failure:
-        equipment = LoopbackEquipment(cell, site or loopback_site(), posture, head, log)
-        on_failure.callback(equipment.close)
-        station = LoopbackStation(
-            cell,
-            cloth,
-            state,
-            head,
-            seed=seed,
-            start=posture,
-            faults=faults or StationFaults(),
-            controls=equipment.controls,
-        )
-        on_failure.pop_all()
-    station.equipment = equipment
-    return station
+    devices = LoopbackDevices(cell, site, start, head, log)
+    try:
+        yield devices.controls
+    finally:
+        devices.close()

@@ -1,0 +1,1 @@
+from .controls import loopback_controls as loopback_controls
