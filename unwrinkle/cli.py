@@ -2,6 +2,7 @@
 
 import importlib
 import logging
+import os
 import pkgutil
 import sys
 from typing import Annotated
@@ -10,6 +11,10 @@ import typer
 
 from unwrinkle import __version__, commands
 from unwrinkle.models.errors import UnwrinkleError
+
+# One thread for linear algebra: the matrices here are small, so that more threads only wait for
+# each other, and the last bits of a plan would depend on the number of cores.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 app = typer.Typer(
     name="unwrinkle",

@@ -2,6 +2,7 @@
 smaller arm clearance.
 """
 
+import copy
 from itertools import pairwise
 
 import numpy as np
@@ -52,10 +53,18 @@ class CollisionModel:
         )
         self._indices = position_indices(cell, plant).axes
         self._rest = plant.GetPositions(plant.CreateDefaultContext())
+        self._cell = cell
         self._set_padding(cell, contact)
         self.reach = axis_reach(cell)
         clearance = cell.scenario.clearance
         self.step = 2.0 * min(clearance.arm_arm, clearance.arm_table)
+
+    def with_contact(self, contact: bool) -> "CollisionModel":
+        """Return the same model with another clearance of the fingers from the working table."""
+        other = copy.copy(self)
+        other._checker = self._checker.Clone()
+        other._set_padding(self._cell, contact)
+        return other
 
     def _set_padding(self, cell: Cell, contact: bool) -> None:
         """Set the clearance of every pair of bodies that an arm can move against each other."""
