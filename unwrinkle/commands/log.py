@@ -5,6 +5,9 @@ from typing import Annotated
 
 import typer
 
+from unwrinkle.commands._shared.examples import examples
+from unwrinkle.commands._shared.settings import SetOption
+
 log = typer.Typer(help="Show, replay or export the log of an execution.", no_args_is_help=True)
 
 _LogArgument = Annotated[Path, typer.Argument(metavar="LOG", help="Log of `unwrinkle execute`.")]
@@ -15,7 +18,9 @@ _ScenarioOption = Annotated[
 _WIDTH = 140
 
 
-@log.command()
+@log.command(
+    epilog=examples("unwrinkle log show run.jsonl", "unwrinkle -v log show out/run.jsonl")
+)
 def show(path: _LogArgument) -> None:
     """Print the header, counts, states and events of a log."""
     from rich import box
@@ -39,13 +44,19 @@ def show(path: _LogArgument) -> None:
     console.print(happened)
 
 
-@log.command()
+@log.command(
+    epilog=examples(
+        "unwrinkle log replay run.jsonl",
+        "unwrinkle log replay run.jsonl --html run.html --scenario lab.scenario.yaml",
+    )
+)
 def replay(
     path: _LogArgument,
     html: Annotated[
         Path | None, typer.Option(help="Write the page to this file [beside the log].")
     ] = None,
     scenario: _ScenarioOption = None,
+    settings: SetOption = None,
 ) -> None:
     """Write a page with the robot's measured motion."""
     from rich.console import Console
@@ -56,7 +67,7 @@ def replay(
 
     records = read_run_log(path)
     page = path.with_suffix(".html") if html is None else html
-    cell = cell_of(records, scenario)
+    cell = cell_of(records, scenario, settings or ())
     write_text(page, replay_page(records, cell, plan_of(records), title=path.name))
     Console().print(f"replay  {page}", highlight=False, soft_wrap=True)
 
