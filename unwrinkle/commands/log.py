@@ -8,7 +8,7 @@ import typer
 from unwrinkle.commands._shared.examples import examples
 from unwrinkle.commands._shared.settings import SetOption
 
-log = typer.Typer(help="Show, replay or export the log of an execution.", no_args_is_help=True)
+log = typer.Typer(help="Show or replay the log of an execution.", no_args_is_help=True)
 
 _LogArgument = Annotated[Path, typer.Argument(metavar="LOG", help="Log of `unwrinkle execute`.")]
 _ScenarioOption = Annotated[
@@ -70,18 +70,3 @@ def replay(
     cell = cell_of(records, scenario, settings or ())
     write_text(page, replay_page(records, cell, plan_of(records), title=path.name))
     Console().print(f"replay  {page}", highlight=False, soft_wrap=True)
-
-
-@log.command()
-def export(
-    path: _LogArgument,
-    mcap: Annotated[Path, typer.Option(help="Write this MCAP file.")],
-) -> None:
-    """Export a log to MCAP, for tools that plot and replay recordings."""
-    from rich.console import Console
-
-    from unwrinkle.hardware.run_log.reader import read_run_log
-    from unwrinkle.logs.export import export_mcap
-
-    count = export_mcap(read_run_log(path), mcap)
-    Console().print(f"{mcap}: {count} messages", highlight=False, soft_wrap=True)
