@@ -16,7 +16,7 @@ def controller(
     site: Annotated[
         str, typer.Option(help="Site file *.site.yaml, or name of a shipped site: loopback.")
     ] = "loopback",
-    settings: SiteSetOption = None,
+    changes: SiteSetOption = None,
     profile: Annotated[
         str, typer.Option(help="Points it accepts: groups, ex or both; the site's if left out.")
     ] = "",
@@ -78,7 +78,7 @@ def controller(
         for kind, meaning in KINDS.items():
             say(f"{kind:16} {meaning}")
         return
-    found = find_site(site, settings=settings or ())
+    found = find_site(site, settings=changes or ())
     settings = dc.replace(
         VirtualControllerSettings.of_site(found.controller),
         delay=delay,

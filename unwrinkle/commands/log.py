@@ -18,9 +18,7 @@ _ScenarioOption = Annotated[
 _WIDTH = 140
 
 
-@log.command(
-    epilog=examples("unwrinkle log show run.jsonl", "unwrinkle -v log show out/run.jsonl")
-)
+@log.command(epilog=examples("unwrinkle log show run.jsonl", "unwrinkle -v log show out/run.jsonl"))
 def show(path: _LogArgument) -> None:
     """Print the header, counts, states and events of a log."""
     from rich import box

@@ -86,7 +86,7 @@ class Evidence:
 
     @property
     def total_energy(self) -> tuple[float, float]:
-        """Greatest kinetic energy of the whole robot at the plan's own speed, J, and its time, s."""
+        """Greatest kinetic energy of the robot at the plan's own speed, J, and its time, s."""
         k = int(self.motion.total_energies.argmax())
         return float(self.motion.total_energies[k]), float(self.motion.times[k])
 
@@ -201,24 +201,36 @@ def assumptions(evidence: Evidence) -> tuple[str, ...]:
     """Return what the figures rest on, each in a sentence."""
     controller, cell_voxel = evidence.site.controller, 1e3 * evidence.space.resolution
     return (
-        "The plan is verified against the model of the cell: rigid bodies with the shapes, poses "
-        "and limits of the model files named by the hashes. Whether the model fits the real cell "
-        "has to be checked there.",
+        (
+            "The plan is verified against the model of the cell: rigid bodies with the shapes, poses "
+            "and limits of the model files named by the hashes. Whether the model fits the real cell "
+            "has to be checked there."
+        ),
         "People, cables, the garment and whatever else is not in the model are not considered.",
-        "Masses and inertias are those of the model files, without motor rotors, hoses and the "
-        "garment. Those of the shipped CloPeMa robot are ASSUMED: values of a CAD model, scaled to "
-        "the catalogue mass.",
-        f"Speeds and energies are the greatest of samples {1e3 * SAMPLE_STEP:g} ms apart, for the "
-        "motion as planned. The speed of a body is that of the fastest corner of the boxes around "
-        "its shapes.",
-        f"The swept space counts each voxel of {cell_voxel:g} mm that a shape may touch at or "
-        "between the samples; it is too large rather than too small. It covers the plan alone, "
-        "not what a hold, a retreat or a fault adds.",
-        f"A hold is computed with controller.lead = {controller.lead:g} s, controller.latency = "
-        f"{controller.latency:g} s and the acceleration and jerk limits of limits.yaml, as set; "
-        "none of them is measured by this software, and the shipped ones are ASSUMED.",
-        "Emergency and protective stops, their stop category, stopping time and distance are those "
-        "of the robot and its controller; they are not computed here.",
+        (
+            "Masses and inertias are those of the model files, without motor rotors, hoses and the "
+            "garment. Those of the shipped CloPeMa robot are ASSUMED: values of a CAD model, scaled to "
+            "the catalogue mass."
+        ),
+        (
+            f"Speeds and energies are the greatest of samples {1e3 * SAMPLE_STEP:g} ms apart, for the "
+            "motion as planned. The speed of a body is that of the fastest corner of the boxes around "
+            "its shapes."
+        ),
+        (
+            f"The swept space counts each voxel of {cell_voxel:g} mm that a shape may touch at or "
+            "between the samples; it is too large rather than too small. It covers the plan alone, "
+            "not what a hold, a retreat or a fault adds."
+        ),
+        (
+            f"A hold is computed with controller.lead = {controller.lead:g} s, controller.latency = "
+            f"{controller.latency:g} s and the acceleration and jerk limits of limits.yaml, as set; "
+            "none of them is measured by this software, and the shipped ones are ASSUMED."
+        ),
+        (
+            "Emergency and protective stops, their stop category, stopping time and distance are those "
+            "of the robot and its controller; they are not computed here."
+        ),
         "Another speed, site, scenario or plan needs another document.",
     )
 

@@ -115,8 +115,7 @@ def _mark_shape(
     last = np.ceil((X_WG[:3, 3] + reach - origin) / resolution - 0.5).astype(int) + 1
     last = np.minimum(last, grid.shape)
     axes = [
-        origin[i] + resolution * (np.arange(first[i], last[i]) + 0.5) - X_WG[i, 3]
-        for i in range(3)
+        origin[i] + resolution * (np.arange(first[i], last[i]) + 0.5) - X_WG[i, 3] for i in range(3)
     ]
     # Centres in the shape's frame, one axis of the grid after the other.
     R = X_WG[:3, :3]

@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-from unwrinkle.viewer.cell_bodies import BodyShape, CellBodies, quaternion
 from unwrinkle.hardware.run_log.reader import RunLogRecords
 from unwrinkle.logs.replay import measured_track
 from unwrinkle.models.arrays import Array
@@ -28,6 +27,7 @@ from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.files import atomic_path
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import FlatteningPlan
+from unwrinkle.viewer.cell_bodies import BodyShape, CellBodies, quaternion
 from unwrinkle.viewer.plan_shapes import target_shapes, wrinkle_shapes
 
 #: Frame of the world.
@@ -256,18 +256,16 @@ def _garment(plan: FlatteningPlan, stamp: Any) -> Any:
     """Return the observed garment, the wrinkle and the target as a scene in the world."""
     from foxglove.messages import SceneEntity, SceneUpdate
 
-    meshes = [_triangles(*mesh, _rgba(colour)) for _, mesh, colour in _plan_meshes(plan)]
+    meshes = [
+        _triangles(vertices, faces, _rgba(colour))
+        for _, (vertices, faces), colour in (*wrinkle_shapes(plan), *target_shapes(plan))
+    ]
     garment = plan.garment
     if garment is not None:
         colours = np.column_stack([garment.colours / 255.0, np.ones(len(garment.colours))])
         meshes.append(_triangles(garment.p_WV, garment.triangles, colours))
     entity = SceneEntity(timestamp=stamp, frame_id=WORLD, id="plan", triangles=meshes)
     return SceneUpdate(entities=[entity])
-
-
-def _plan_meshes(plan: FlatteningPlan) -> Iterator[tuple[str, Any, str]]:
-    yield from wrinkle_shapes(plan)
-    yield from target_shapes(plan)
 
 
 def _triangles(vertices: Any, faces: Any, colours: Array) -> Any:

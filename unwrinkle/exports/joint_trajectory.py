@@ -107,9 +107,7 @@ def _grippers(plan: FlatteningPlan) -> list[dict[str, Any]]:
     """List the gripper events, each after the segment that ends when it begins."""
     found = []
     for event in plan.events:
-        before = max(
-            (s for s in plan.segments if s.end <= event.time + 1e-6), key=lambda s: s.end
-        )
+        before = max((s for s in plan.segments if s.end <= event.time + 1e-6), key=lambda s: s.end)
         found.append(
             {"after_segment": before.name, "closed": list(event.closed), "dwell": event.dwell}
         )

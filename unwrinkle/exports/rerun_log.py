@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from unwrinkle.viewer.cell_bodies import BodyShape, CellBodies
 from unwrinkle.hardware.run_log.reader import RunLogRecords
 from unwrinkle.logs.replay import measured_track
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.files import atomic_path
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import FlatteningPlan
+from unwrinkle.viewer.cell_bodies import BodyShape, CellBodies
 
 _TIMELINE = "log"
 
@@ -115,7 +115,5 @@ def _shape(rr: Any, shape: BodyShape) -> Any:
     if shape.kind == "box":
         return rr.Boxes3D(half_sizes=[half], fill_mode="solid", **pose)
     if shape.kind == "cylinder":
-        return rr.Cylinders3D(
-            lengths=[shape.size[2]], radii=[half[0]], fill_mode="solid", **pose
-        )
+        return rr.Cylinders3D(lengths=[shape.size[2]], radii=[half[0]], fill_mode="solid", **pose)
     return rr.Ellipsoids3D(half_sizes=[half], fill_mode="solid", **pose)

@@ -104,7 +104,7 @@ def _figure(rows: int, columns: int, range_map: RangeMap) -> tuple[Figure, NDArr
 
 def _write(figure: Figure, path: Path, dpi: int) -> Path:
     figure.set_dpi(dpi)
-    canvas = FigureCanvasAgg(figure)
+    canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()  # once; `savefig` draws twice
     image = cv2.cvtColor(np.asarray(canvas.buffer_rgba()), cv2.COLOR_RGBA2BGR)
     _, png = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 3])

@@ -93,9 +93,7 @@ def map_(
 )
 def log(
     path: Annotated[Path, typer.Argument(metavar="LOG", help="Log of `unwrinkle execute`.")],
-    out: Annotated[
-        Path, typer.Option(help="File to write: *.mcap for Foxglove, *.rrd for rerun.")
-    ],
+    out: Annotated[Path, typer.Option(help="File to write: *.mcap for Foxglove, *.rrd for rerun.")],
     scenario: Annotated[
         Path | None, typer.Option(help="Scenario of the cell; the log's own if left out.")
     ] = None,
