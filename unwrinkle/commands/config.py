@@ -9,7 +9,7 @@ from unwrinkle.commands._shared.settings import ScenarioOption
 from unwrinkle.models.errors import InputError
 
 EXAMPLES = (
-    "unwrinkle config --set loop.mode=paper --set speed=0.5 > mine.scenario.yaml",
+    "unwrinkle config --set loop.mode=paper --set speed=0.5",
     "unwrinkle config --site loopback",
 )
 

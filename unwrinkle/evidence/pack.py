@@ -36,6 +36,32 @@ from unwrinkle.site.sites import find_site, site_cell, site_file
 
 #: Packages whose versions decide the figures.
 _PACKAGES = ("unwrinkle", "drake", "numpy", "scipy", "toppra", "ruckig", "opencv-python-headless")
+_ASSUMPTIONS = """
+The plan is verified against the model of the cell: rigid bodies with the shapes, poses and limits
+of the model files named by the hashes. Whether the model fits the real cell has to be checked
+there.
+
+People, cables, the garment and whatever else is not in the model are not considered.
+
+Masses and inertias are those of the model files, without motor rotors, hoses and the garment. Those
+of the shipped CloPeMa robot are ASSUMED: values of a CAD model, scaled to the catalogue mass.
+
+Speeds and energies are the greatest of samples at most {step:g} ms apart, for the motion as
+planned. The speed of a body is that of the fastest corner of the boxes around its shapes.
+
+The swept space counts each voxel of {voxel:g} mm that a shape may touch at or between the samples;
+it is too large rather than too small. It covers the plan alone, not what a hold, a retreat or a
+fault adds.
+
+A hold is computed with controller.lead = {lead:g} s, controller.latency = {latency:g} s and the
+limits of acceleration and jerk, as set. None of them is measured by this software, and the shipped
+ones are ASSUMED.
+
+Emergency and protective stops, their stop category, stopping time and distance are those of the
+robot and its controller; they are not computed here.
+
+Another speed, site, scenario or plan needs another document.
+"""
 #: The turn-table and what it carries beside the arms.
 _REST = "turn-table and head"
 
@@ -198,41 +224,12 @@ def collect_evidence(plan_file: str | Path, site: str | Path) -> Evidence:
 
 
 def assumptions(evidence: Evidence) -> tuple[str, ...]:
-    """Return what the figures rest on, each in a sentence."""
-    controller, cell_voxel = evidence.site.controller, 1e3 * evidence.space.resolution
-    return (
-        (
-            "The plan is verified against the model of the cell: rigid bodies with the shapes, poses "
-            "and limits of the model files named by the hashes. Whether the model fits the real cell "
-            "has to be checked there."
-        ),
-        "People, cables, the garment and whatever else is not in the model are not considered.",
-        (
-            "Masses and inertias are those of the model files, without motor rotors, hoses and the "
-            "garment. Those of the shipped CloPeMa robot are ASSUMED: values of a CAD model, scaled to "
-            "the catalogue mass."
-        ),
-        (
-            f"Speeds and energies are the greatest of samples {1e3 * SAMPLE_STEP:g} ms apart, for the "
-            "motion as planned. The speed of a body is that of the fastest corner of the boxes around "
-            "its shapes."
-        ),
-        (
-            f"The swept space counts each voxel of {cell_voxel:g} mm that a shape may touch at or "
-            "between the samples; it is too large rather than too small. It covers the plan alone, "
-            "not what a hold, a retreat or a fault adds."
-        ),
-        (
-            f"A hold is computed with controller.lead = {controller.lead:g} s, controller.latency = "
-            f"{controller.latency:g} s and the acceleration and jerk limits of limits.yaml, as set; "
-            "none of them is measured by this software, and the shipped ones are ASSUMED."
-        ),
-        (
-            "Emergency and protective stops, their stop category, stopping time and distance are those "
-            "of the robot and its controller; they are not computed here."
-        ),
-        "Another speed, site, scenario or plan needs another document.",
+    """Return what the figures rest on, a few sentences each."""
+    controller, voxel = evidence.site.controller, 1e3 * evidence.space.resolution
+    text = _ASSUMPTIONS.format(
+        step=1e3 * SAMPLE_STEP, voxel=voxel, lead=controller.lead, latency=controller.latency
     )
+    return tuple(" ".join(part.split()) for part in text.strip().split("\n\n"))
 
 
 def _speed(plan: FlatteningPlan, cell: Cell, site: Site) -> tuple[float, str]:
