@@ -13,10 +13,6 @@ from unwrinkle import __version__, commands
 from unwrinkle.commands._shared.examples import examples
 from unwrinkle.models.errors import UnwrinkleError
 
-# One thread for linear algebra: the matrices here are small, so that more threads only wait for
-# each other, and the last bits of a plan would depend on the number of cores.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 app = typer.Typer(
     name="unwrinkle",
     help="Flatten a garment with two arms: find its wrinkles, plan a motion, "
@@ -80,6 +76,9 @@ _register()
 
 def main() -> None:
     """Run the command line; errors raised on purpose become one line on stderr and an exit code."""
+    # Before numpy is loaded. The matrices here are small: more threads only wait for each other,
+    # and the last bits of a plan would depend on the number of cores.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         app(prog_name="unwrinkle")
     except UnwrinkleError as error:
