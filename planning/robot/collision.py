@@ -13,7 +13,7 @@ from pydrake.planning import LinearDistanceAndInterpolationProvider, SceneGraphC
 
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.robot import Cell, build_robot_diagram, position_indices, scoped
+from unwrinkle.models.robot import Cell, position_indices, scoped
 from unwrinkle.planning.robot.axis_reach import axis_reach
 
 
@@ -39,7 +39,7 @@ class CollisionModel:
         Raises:
             InputError: the models lack a link that the robot's description gives a role.
         """
-        diagram = build_robot_diagram(cell)
+        diagram = cell.diagram
         plant = diagram.plant()
         robot = [plant.GetModelInstanceByName(name) for name in cell.robot.instances]
         self._checker = SceneGraphCollisionChecker(

@@ -21,6 +21,7 @@ from unwrinkle.commands._shared.capture import (
     save_analysis,
 )
 from unwrinkle.commands._shared.settings import ScenarioOption, SetOption
+from unwrinkle.garbage import gc_disabled
 
 EXAMPLES = (
     "unwrinkle analyse depth.png --camera xtion-pro-live",
@@ -28,6 +29,7 @@ EXAMPLES = (
 )
 
 
+@gc_disabled()  # a short process: collecting frees nothing
 def analyse(
     files: CaptureArgument,
     head: HeadOption = None,

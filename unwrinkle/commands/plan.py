@@ -28,6 +28,7 @@ from unwrinkle.commands._shared.capture import (
 )
 from unwrinkle.commands._shared.posture import StartOption, posture
 from unwrinkle.commands._shared.settings import ScenarioOption, SetOption
+from unwrinkle.garbage import gc_disabled
 from unwrinkle.models.errors import NoVerifiedPlanError
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ EXAMPLES = (
 )
 
 
+@gc_disabled()  # a short process: collecting frees nothing
 def plan(
     files: CaptureArgument,
     head: HeadOption = None,

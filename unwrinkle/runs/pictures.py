@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -62,12 +63,12 @@ def save_pictures(
     for name, (caption, painter) in painters.items() if singles else ():
         figure, ((axes,),) = _figure(1, 1, range_map)
         painter(axes, figure)
-        axes.set_title(caption, fontsize=10)
+        axes.set_title(caption, fontsize=10, y=1.01)
         written.append(_write(figure, folder / f"{name}.png", 130))
     figure, grid = _figure(2, 3, range_map)
     for axes, (caption, painter) in zip(grid.ravel(), painters.values(), strict=False):
         painter(axes, figure)
-        axes.set_title(caption, fontsize=10)
+        axes.set_title(caption, fontsize=10, y=1.01)
     for axes in grid.ravel()[len(painters) :]:
         axes.set_axis_off()
     figure.suptitle(title or "unwrinkle analyse")
@@ -236,8 +237,8 @@ def _ridges(axes: Axes, analysis: Analysis) -> None:
     for index, wrinkle in enumerate(analysis.wrinkles):
         first = index == 0
         left, right = wrinkle.contours
-        for a, b in zip(left, right, strict=True):
-            axes.plot([a[0], b[0]], [a[1], b[1]], color="#7cb342", lw=0.35, alpha=0.7)
+        across = np.stack([left[:, :2], right[:, :2]], axis=1)
+        axes.add_collection(LineCollection(list(across), colors="#7cb342", lw=0.35, alpha=0.7))
         for contour in (left, right):
             axes.plot(contour[:, 0], contour[:, 1], ".", color="#1e88e5", ms=1.5)
         axes.plot(
