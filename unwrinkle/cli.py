@@ -1,5 +1,7 @@
 """Command line: register the sub-commands, set up logging, convert errors into exit codes."""
 
+import atexit
+import gc
 import importlib
 import logging
 import os
@@ -79,6 +81,7 @@ def main() -> None:
     # Before numpy is loaded. The matrices here are small: more threads only wait for each other,
     # and the last bits of a plan would depend on the number of cores.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    atexit.register(gc.freeze)  # at exit the collector would walk through all that was loaded
     try:
         app(prog_name="unwrinkle")
     except UnwrinkleError as error:

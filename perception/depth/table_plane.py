@@ -149,9 +149,12 @@ def _consensus(
         if plane[2] <= 0.0:
             continue
         height = _heights(rays, inverse, plane)
+        on = np.count_nonzero(np.abs(height) < band)
+        if on <= best_score:
+            continue
         # Readings below the plane lower the score; those above may be the garment.
         below = (height < -2.0 * band) & (height > -0.1)
-        score = float(np.count_nonzero(np.abs(height) < band) - 0.5 * np.count_nonzero(below))
+        score = on - 0.5 * np.count_nonzero(below)
         if score > best_score:
             best, best_score = plane, score
     return best
