@@ -17,7 +17,6 @@ from unwrinkle.perception.sensor import NoiseProfile
 from unwrinkle.perception.stereo.head import Gaze, StereoHead
 from unwrinkle.perception.stereo.head_file import load_head_angles
 from unwrinkle.perception.stereo.pair import StereoPair, load_pair
-from unwrinkle.perception.stereo.range_mapping import range_map_from_pair
 from unwrinkle.perception.wrinkles.analysis import analyse
 
 
@@ -81,6 +80,9 @@ def map_of(
         InputError: no table, no garment (`NoGarmentError`), or not enough of it in view.
     """
     if isinstance(capture, StereoCapture):
+        # Imported here: its compiled kernels are slow to load.
+        from unwrinkle.perception.stereo.range_mapping import range_map_from_pair
+
         return range_map_from_pair(
             capture.pair,
             capture.head,

@@ -6,7 +6,7 @@ Capture to observation, observation to a verified plan or the reason why there i
 import dataclasses as dc
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from unwrinkle.flattening import policy
 from unwrinkle.flattening.capture_to_observation import StereoCapture, map_of, observation_of
 from unwrinkle.flattening.observation import Observation
 from unwrinkle.flattening.policy import Policy, PolicyState, PullDecision, Stop
-from unwrinkle.flattening.verified_planning import VerifiedResult, plan_verified
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
@@ -25,9 +24,12 @@ from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import NoiseProfile
 from unwrinkle.perception.target import FlatteningTarget, NoTarget
 from unwrinkle.planning.plan import FlatteningPlan, GarmentSurface
-from unwrinkle.planning.search.planner import FlatteningPlanner
-from unwrinkle.planning.search.settings import PlannerSettings
 from unwrinkle.planning.verification.verdict import Verdict
+
+if TYPE_CHECKING:
+    from unwrinkle.flattening.verified_planning import VerifiedResult
+    from unwrinkle.planning.search.planner import FlatteningPlanner
+    from unwrinkle.planning.search.settings import PlannerSettings
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ class Proposal:
     plan: FlatteningPlan
     verdict: Verdict
     choice: Choice
-    planned: VerifiedResult
+    planned: "VerifiedResult"
     refusals: tuple[Refusal, ...] = ()
 
     @property
@@ -226,7 +228,7 @@ class Flattener:
         *,
         rules: LoopSettings | None = None,
         profile: NoiseProfile | None = None,
-        settings: PlannerSettings | None = None,
+        settings: "PlannerSettings | None" = None,
         policy: Policy = policy,
     ) -> None:
         """Keep the cell; the planner's models are built when the first plan is asked for (about a
@@ -245,8 +247,10 @@ class Flattener:
         self._profile, self._settings, self._policy = profile, settings, policy
 
     @cached_property
-    def planner(self) -> FlatteningPlanner:
+    def planner(self) -> "FlatteningPlanner":
         """The planner, with its models of the cell."""
+        from unwrinkle.planning.search.planner import FlatteningPlanner  # slow to import
+
         return FlatteningPlanner(self.cell, self._settings)
 
     def observe(
@@ -283,8 +287,10 @@ class Flattener:
         start: Array | None = None,
         arms: str = "any",
         garment: GarmentSurface | None = None,
-    ) -> VerifiedResult:
+    ) -> "VerifiedResult":
         """Plan a motion for a target that passes its verification; see `plan_verified`."""
+        from unwrinkle.flattening.verified_planning import plan_verified  # slow to import
+
         _check_type(target, FlatteningTarget, "plan", "a `FlatteningTarget`")
         return plan_verified(
             self.planner, self.cell, target, start=start, garment=garment, arms=arms

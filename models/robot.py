@@ -154,12 +154,17 @@ class Cell:
         return digest.hexdigest()
 
     @cached_property
+    def diagram(self) -> RobotDiagram:
+        """The cell's plant and scene graph, built once, for questions that change neither."""
+        return build_robot_diagram(self)
+
+    @cached_property
     def table_pose(self) -> NDArray[np.float64]:
         """Pose (4, 4) in the world of the working table's top surface.
 
         Origin at its centre, z up, m.
         """
-        plant = build_robot_diagram(self).plant()
+        plant = self.diagram.plant()
         instance, name = scoped(self.scenario.table.frame)
         frame = plant.GetFrameByName(name, plant.GetModelInstanceByName(instance))
         X_WS = frame.CalcPoseInWorld(plant.CreateDefaultContext()).GetAsMatrix4()

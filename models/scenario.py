@@ -1,6 +1,7 @@
 """The scenario: robot, cell, limits and policy numbers, read from one typed YAML file."""
 
 import dataclasses as dc
+from collections.abc import Sequence
 from enum import StrEnum
 from math import isfinite
 from pathlib import Path
@@ -10,6 +11,7 @@ import yaml
 from unwrinkle.models.choices import PulledSlack, PullReading, SectionPlace
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.loader_yaml import load_yaml, models_dir
+from unwrinkle.models.io.settings import with_settings
 
 SENSOR_KINDS = ("stereo", "depth", "truth")
 OUTLINES = ("towel", "dishcloth", "tshirt", "trousers")
@@ -355,7 +357,14 @@ def with_sensor(scenario: Scenario, kind: str) -> Scenario:
     return changed
 
 
-def load_scenario(path: str | Path | None = None, name: str | None = None) -> Scenario:
+def shipped_scenario() -> Path:
+    """Return the file of the scenario that is used where none is named: the Glasgow cell."""
+    return models_dir() / "clopema.scenario.yaml"
+
+
+def load_scenario(
+    path: str | Path | None = None, name: str | None = None, *, settings: Sequence[str] = ()
+) -> Scenario:
     """Read a scenario file (the shipped Glasgow cell if no path is given).
 
     Relative paths in it are relative to the folder of the file.
@@ -363,11 +372,12 @@ def load_scenario(path: str | Path | None = None, name: str | None = None) -> Sc
     Args:
         path: a `*.scenario.yaml`, one or more named scenarios in it.
         name: which of them; may be left out where there is only one.
+        settings: changes of the file's values, e.g. `("loop.mode=paper",)`; see `with_settings`.
 
     Raises:
         InputError: missing file, unknown key, unknown name, a value out of range.
     """
-    path = models_dir() / "clopema.scenario.yaml" if path is None else Path(path)
+    path = shipped_scenario() if path is None else Path(path)
     names = scenario_names(path)
     if name is None:
         if len(names) != 1:
@@ -375,7 +385,7 @@ def load_scenario(path: str | Path | None = None, name: str | None = None) -> Sc
         name = names[0]
     if name not in names:
         raise InputError(f"{path}: no scenario '{name}'; it has {', '.join(names)}")
-    scenario = load_yaml(path, Scenario, child=name)
+    scenario = with_settings(load_yaml(path, Scenario, child=name), settings)
     scenario.validate()
     folder = path.resolve().parent
     return dc.replace(

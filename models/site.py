@@ -1,12 +1,14 @@
 """A site: addresses and parameters of one laboratory's devices, read from one typed YAML file."""
 
 import dataclasses as dc
+from collections.abc import Sequence
 from dataclasses import field
 from math import isfinite
 from pathlib import Path
 
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.loader_yaml import load_yaml, models_dir
+from unwrinkle.models.io.settings import with_settings
 
 PROFILES = ("groups", "ex")
 SYNCHRO = ("off", "start", "each")
@@ -290,13 +292,17 @@ class Site:
             raise InputError(f"site: controller.lead is {c.lead:g} s; give 0.04 to 0.5")
 
 
-def load_site(path: str | Path) -> Site:
+def load_site(path: str | Path, *, settings: Sequence[str] = ()) -> Site:
     """Read a site file.
+
+    Args:
+        path: a `*.site.yaml`.
+        settings: changes of the file's values, e.g. `("controller.lead=0.1",)`.
 
     Raises:
         InputError: missing file, unknown key, a value out of range.
     """
-    site = load_yaml(path, Site)
+    site = with_settings(load_yaml(path, Site), settings)
     try:
         site.validate()
     except InputError as error:

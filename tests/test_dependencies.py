@@ -11,11 +11,13 @@ import pytest
 #: Distributions that are imported by another name than their own.
 IMPORT_NAMES = {
     "drake": "pydrake",
+    "foxglove-sdk": "foxglove",
     "lazy-loader": "lazy_loader",
     "opencv-python-headless": "cv2",
     "pyserial": "serial",
     "python-can": "can",
     "pyyaml": "yaml",
+    "rerun-sdk": "rerun",
 }
 
 

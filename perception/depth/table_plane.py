@@ -92,9 +92,13 @@ def fit_table(
     rays = np.column_stack([x[rows, columns], y[rows, columns], np.ones(rows.size)])
     band = max(2.0 * profile.depth_noise, 0.001)
     plane = _consensus(rays, inverse, band, rng)
+    fitted = None
     for _ in range(8):
         height = _heights(rays, inverse, plane)
         on = (height > -3.0 * band) & (height < band)
+        if fitted is not None and np.array_equal(on, fitted):
+            break
+        fitted = on
         if np.count_nonzero(on) < _MIN_TABLE_FRACTION * rows.size:
             raise InsufficientViewError(
                 f"{name}: no table plane found (only {np.count_nonzero(on) / rows.size:.0%} of the "
@@ -145,9 +149,12 @@ def _consensus(
         if plane[2] <= 0.0:
             continue
         height = _heights(rays, inverse, plane)
+        on = np.count_nonzero(np.abs(height) < band)
+        if on <= best_score:
+            continue
         # Readings below the plane lower the score; those above may be the garment.
         below = (height < -2.0 * band) & (height > -0.1)
-        score = float(np.count_nonzero(np.abs(height) < band) - 0.5 * np.count_nonzero(below))
+        score = on - 0.5 * np.count_nonzero(below)
         if score > best_score:
             best, best_score = plane, score
     return best
@@ -166,7 +173,7 @@ def _bias(
         return bias
     limit = band * level**2  # a height of `band` as a change of inverse depth
     ny, nx = residual.shape
-    v, u = np.meshgrid(np.linspace(-1.0, 1.0, ny), np.linspace(-1.0, 1.0, nx), indexing="ij")
+    v, u = np.linspace(-1.0, 1.0, ny)[:, None], np.linspace(-1.0, 1.0, nx)
     powers = [
         (i, j) for i in range(profile.bias_degree + 1) for j in range(profile.bias_degree + 1 - i)
     ]
@@ -177,12 +184,10 @@ def _bias(
         on = usable & (rest < limit) & (rest > -2.0 * limit)
         if profile.bias_degree >= 2:
             chosen = on[thin]
-            basis = np.column_stack(
-                [u[thin][chosen] ** i * v[thin][chosen] ** j for i, j in powers]
-            )
+            basis = np.column_stack([(u[::step] ** i * v[::step] ** j)[chosen] for i, j in powers])
             weights = np.linalg.lstsq(basis, rest[thin][chosen], rcond=None)[0]
             for (i, j), weight in zip(powers, weights, strict=True):
-                bias += weight * u**i * v**j
+                bias += (weight * u**i) * v**j
         if profile.column_bias:
             bias += _columns(np.where(on, residual - bias, np.nan))
     return bias
@@ -194,7 +199,9 @@ def _columns(rest: NDArray[np.float64]) -> NDArray[np.float64]:
     good = count >= _MIN_COLUMN_FRACTION * rest.shape[0]
     if np.count_nonzero(good) < 2:
         return np.zeros((1, rest.shape[1]))
-    medians = np.nanmedian(rest[:, good], axis=0)
+    ordered, middle = np.sort(rest[:, good], axis=0), count[good]  # NaN last
+    each = np.arange(middle.size)
+    medians = 0.5 * (ordered[(middle - 1) // 2, each] + ordered[middle // 2, each])
     at = np.arange(rest.shape[1])
     offsets = np.interp(at, at[good], medians)
     return np.convolve(np.pad(offsets, 2, mode="edge"), np.full(5, 0.2), mode="valid")[None, :]

@@ -155,7 +155,7 @@ class PinchPlanner:
         self._contact = CollisionModel(cell, contact=True)
         self._transits = TransitPlanner(
             cell,
-            CollisionModel(cell, contact=False),
+            self._contact.with_contact(False),
             self.settings.transit_budget,
             self.settings.seed,
         )

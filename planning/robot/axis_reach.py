@@ -16,7 +16,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Joint, PrismaticJoint, RevoluteJoint, RigidBody
 
 from unwrinkle.models.arrays import Array
-from unwrinkle.models.robot import Cell, build_robot_diagram, scoped
+from unwrinkle.models.robot import Cell, scoped
 
 #: A point nearer to an axis than this lies on it, m.
 _ON_AXIS = 1e-9
@@ -93,7 +93,7 @@ class _LinkBuilder:
     """Builds links from the plant of a cell."""
 
     def __init__(self, cell: Cell) -> None:
-        diagram = build_robot_diagram(cell)
+        diagram = cell.diagram
         self._plant: MultibodyPlant = diagram.plant()
         self._inspector: SceneGraphInspector = diagram.scene_graph().model_inspector()
         self._context = self._plant.CreateDefaultContext()

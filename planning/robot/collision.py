@@ -2,6 +2,7 @@
 smaller arm clearance.
 """
 
+import copy
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +13,7 @@ from pydrake.planning import LinearDistanceAndInterpolationProvider, SceneGraphC
 
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.robot import Cell, build_robot_diagram, position_indices, scoped
+from unwrinkle.models.robot import Cell, position_indices, scoped
 from unwrinkle.planning.robot.axis_reach import axis_reach
 
 
@@ -38,7 +39,7 @@ class CollisionModel:
         Raises:
             InputError: the models lack a link that the robot's description gives a role.
         """
-        diagram = build_robot_diagram(cell)
+        diagram = cell.diagram
         plant = diagram.plant()
         robot = [plant.GetModelInstanceByName(name) for name in cell.robot.instances]
         self._checker = SceneGraphCollisionChecker(
@@ -52,10 +53,18 @@ class CollisionModel:
         )
         self._indices = position_indices(cell, plant).axes
         self._rest = plant.GetPositions(plant.CreateDefaultContext())
+        self._cell = cell
         self._set_padding(cell, contact)
         self.reach = axis_reach(cell)
         clearance = cell.scenario.clearance
         self.step = 2.0 * min(clearance.arm_arm, clearance.arm_table)
+
+    def with_contact(self, contact: bool) -> "CollisionModel":
+        """Return the same model with another clearance of the fingers from the working table."""
+        other = copy.copy(self)
+        other._checker = self._checker.Clone()
+        other._set_padding(self._cell, contact)
+        return other
 
     def _set_padding(self, cell: Cell, contact: bool) -> None:
         """Set the clearance of every pair of bodies that an arm can move against each other."""

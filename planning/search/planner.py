@@ -85,7 +85,7 @@ class FlatteningPlanner:
         self._kinematics = Kinematics(cell)
         self._contact = CollisionModel(cell, contact=True)
         self._timing = MotionTiming(cell, self._settings, self._kinematics)
-        self._free = CollisionModel(cell, contact=False)
+        self._free = self._contact.with_contact(False)
         self._fixed = cell.scenario.planner.turntable == "fixed"
         self._transits = TransitPlanner(
             cell,

@@ -9,21 +9,14 @@ toppra works with absolute tolerances: time is measured in a unit in which the s
 acceleration of s are about 1, and each axis in units of its acceleration limit.
 """
 
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import toppra
-import toppra.algorithm
-import toppra.constraint
 
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import NoVerifiedPlanError
 from unwrinkle.planning.timing.joint_path import JointPath, PathLimits
-
-# What toppra logs as warnings is raised here as an error.
-logging.getLogger("toppra").setLevel(logging.ERROR)
 
 _GRIDPOINTS = 100
 _UNLIMITED = 1e8  # greatest speed of s that is given to toppra as a bound, in its unit of time
@@ -142,21 +135,10 @@ def time_optimal_profile(
         per_speed = np.maximum(per_speed, path.tip_rate(s) / limits.tip_speed)
     unit = max(float(per_speed.max()), float(np.sqrt(np.max(rate / limits.acceleration))))  # s
     cap = unit / np.maximum(per_speed, unit / _UNLIMITED)
-    bound = np.ones(len(limits.acceleration))
-    problem = toppra.algorithm.TOPPRA(
-        [
-            toppra.constraint.JointAccelerationConstraint(
-                np.column_stack([-bound, bound]),
-                discretization_scheme=toppra.constraint.DiscretizationType.Interpolation,
-            ),
-            _SpeedBound(cap, len(bound)),
-        ],
-        _ScaledPath(path, limits.acceleration * unit**2),
-        gridpoints=s,
-        solver_wrapper="seidel",
-        parametrizer="ParametrizeConstAccel",
-    )
-    _, speed, _, controllable = problem.compute_parameterization(0.0, 0.0, return_data=True)
+    # Imported here: toppra loads pyplot, which takes longer than timing a motion.
+    from unwrinkle.planning.timing.toppra_problem import controllable_profile
+
+    speed, controllable = controllable_profile(path, limits.acceleration * unit**2, cap, s)
     if speed is None or not np.isfinite(speed).all() or not np.all(speed[1:] + speed[:-1] > 0.0):
         raise _no_profile(path, limits, s, controllable, speed)
     return SpeedProfile(s, np.asarray(speed) / unit)
@@ -236,42 +218,3 @@ def _no_profile(
     return PathTimingError(
         limit, "leaves no speed there; move the target, so that the path bends less"
     )
-
-
-class _ScaledPath(toppra.interpolator.AbstractGeometricPath):
-    """A path as toppra reads it, each axis divided by a scale (n,)."""
-
-    def __init__(self, path: JointPath, scale: Array) -> None:
-        self._path, self._scale = path, scale
-
-    def __call__(self, path_positions, order=0):  # type: ignore[no-untyped-def]
-        return self._path.spline(path_positions, nu=order) / self._scale
-
-    @property
-    def dof(self) -> int:
-        return int(self._path.spline.c.shape[1])
-
-    @property
-    def path_interval(self) -> Array:
-        return np.array([0.0, 1.0])
-
-    @property
-    def waypoints(self) -> None:
-        return None
-
-
-class _SpeedBound(toppra.constraint.LinearConstraint):
-    """Upper bounds on ds/dt at the grid points (N+1,)."""
-
-    def __init__(self, bound: Array, dof: int) -> None:
-        super().__init__()
-        self._bound = bound
-        self.dof = dof
-        self.set_discretization_type(toppra.constraint.DiscretizationType.Collocation)
-        self.n_extra_vars = 0
-        self.identical = False
-
-    def compute_constraint_params(self, path, gridpoints, *_):  # type: ignore[no-untyped-def]
-        """Return only bounds on the squared speed."""
-        squared = np.column_stack([np.zeros(len(self._bound)), self._bound**2])
-        return None, None, None, None, None, None, squared

@@ -27,7 +27,7 @@ from pydrake.multibody.tree import (
 
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.robot import Cell, build_robot_diagram, position_indices, scoped
+from unwrinkle.models.robot import Cell, position_indices, scoped
 from unwrinkle.planning.verification.motion import JOINTS
 from unwrinkle.planning.verification.shapes import box_corners, outlines
 
@@ -79,7 +79,7 @@ class CellModel:
             InputError: a model file does not fit, or a shape on a moving body has no bounding box.
         """
         self.cell = cell
-        self._diagram = build_robot_diagram(cell)
+        self._diagram = cell.diagram
         self._plant: MultibodyPlant = self._diagram.plant()
         self._root = self._diagram.CreateDefaultContext()
         self._context = self._plant.GetMyMutableContextFromRoot(self._root)

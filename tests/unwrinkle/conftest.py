@@ -15,6 +15,8 @@ from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.flattening.flattener import Choice, NoChoice, choose
 from unwrinkle.flattening.observation import Observation
 from unwrinkle.flattening.policy import PolicyState
+from unwrinkle.hardware.controller_state import DriverStatus, JointFeedback
+from unwrinkle.hardware.run_log.writer import RunLog
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.perception.camera import Camera
@@ -132,6 +134,51 @@ def waving_plan(cell: Cell) -> Callable[..., FlatteningPlan]:
 @pytest.fixture(scope="session")
 def plan(waving_plan: Callable[..., FlatteningPlan]) -> FlatteningPlan:
     return waving_plan()
+
+
+# ---------------------------------------------------------------- the log of an execution
+
+#: Time 0 of the log's clock, s.
+LOG_BEGIN = 100.0
+
+
+@pytest.fixture
+def log(plan: FlatteningPlan, cell: Cell, tmp_path: Path) -> Path:
+    """Write the log of a run of the plan at 40 Hz, with rest before and after."""
+    plan.save(tmp_path / "plan.npz")
+    header = {
+        "site": "loopback",
+        "plan_file": str(tmp_path / "plan.npz"),
+        "plan_hash": plan.content_hash,
+        "axes": cell.robot.axes,
+        "clock": LOG_BEGIN,
+        "begun": "2026-01-02T03:04:05.000+00:00",
+        "scenario": "",
+        "speed": 1.0,
+    }
+    with RunLog.create(tmp_path / "run.jsonl", header) as writer:
+        for segment in plan.segments:
+            path = segment.trajectory
+            for i in range(0, len(path.times), 10):
+                now = LOG_BEGIN + 5.0 + segment.start + path.times[i]
+                writer.commanded(now, 1, i, path.times[i], path.positions[i], path.velocities[i])
+        times = np.arange(0.0, plan.segments[-1].end + 10.0, 0.025)
+        for k, time in enumerate(times):
+            local = np.clip(time - 5.0, 0.0, plan.segments[-1].end)
+            segment = [s for s in plan.segments if s.start <= local][-1]
+            q = segment.trajectory.interpolant()(
+                min(local - segment.start, segment.trajectory.duration)
+            )
+            writer.measured(
+                LOG_BEGIN + time, JointFeedback(q, np.zeros(13), LOG_BEGIN + time, time, k)
+            )
+        for event in plan.events:
+            now = LOG_BEGIN + 5.0 + event.time
+            writer.event(now, "gripper", "both", closed=list(event.closed))
+        writer.status(LOG_BEGIN, DriverStatus("ready"))
+        writer.status(LOG_BEGIN + 5.0, DriverStatus("running"))
+        writer.event(LOG_BEGIN + 9.0, "result", "done", outcome="done")
+    return tmp_path / "run.jsonl"
 
 
 # ---------------------------------------------------------------- a run that was never made

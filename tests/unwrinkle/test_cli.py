@@ -92,9 +92,28 @@ def test_verbose_sets_our_logging_level(
 
 def test_every_command_module_is_registered() -> None:
     folder = Path(cli.commands.__file__).parent
-    modules = {path.stem for path in folder.glob("*.py") if not path.name.startswith("_")}
+    modules = {
+        path.stem
+        for path in folder.rglob("*.py")
+        if not any(part.startswith("_") for part in path.relative_to(folder).parts)
+    }
     single = {command.callback.__name__ for command in cli.app.registered_commands}
     assert single | {group.name for group in cli.app.registered_groups} == modules
+
+
+@pytest.mark.parametrize(("given", "used"), [(None, "1"), ("3", "3")])
+def test_linear_algebra_has_one_thread_unless_the_user_says_otherwise(
+    given: str | None, used: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    if given is not None:
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", given)
+    script = (
+        "import atexit, os, sys\n"
+        "atexit.register(lambda: print(os.environ['OPENBLAS_NUM_THREADS']))\n"
+        "from unwrinkle.cli import main\nsys.argv = ['unwrinkle', '--version']\nmain()"
+    )
+    assert _run(sys.executable, "-c", script, cwd=tmp_path).stdout.split()[-1] == used
 
 
 def test_start_up_imports_nothing_heavy(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ Begin or resume it, carry it out, and finish the folder whatever happens.
 import dataclasses as dc
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -164,6 +164,7 @@ def begin_run(
     scenario: Path | None,
     out: Path | None,
     *,
+    settings: Sequence[str] = (),
     site: Site | None = None,
     approve: Approve | None = None,
 ) -> Session:
@@ -173,6 +174,7 @@ def begin_run(
         choices: choices of the user.
         scenario: scenario file; the shipped one if left out.
         out: folder of the run; if left out, a new one named after the garment and the seed.
+        settings: changes of the scenario, e.g. `("loop.mode=paper",)`; the choices win over them.
         site: devices of the station.
         approve: callback that asks the operator about each verified plan; None approves every plan.
 
@@ -180,7 +182,7 @@ def begin_run(
         InputError: an input is bad, or the folder holds a run already or cannot be written.
         HardwareError: a device of the station does not get ready.
     """
-    chosen = choices.applied(load_scenario(_cell_of(site, scenario)))
+    chosen = choices.applied(load_scenario(_cell_of(site, scenario), settings=settings))
     seed = choices.seed or 0
     outline = chosen.station.garment.outline
     path = _unused(Path("out") / f"flatten-{outline}-{seed}") if out is None else out

@@ -1,1 +1,1 @@
-"""Sub-commands of the command line: each public module holds one command of the module's name."""
+"""Sub-commands of the command line: each public module, also of a folder, holds one of its name."""

@@ -11,7 +11,6 @@ from unwrinkle.commands._shared.capture import (
     PicturesOption,
     PoseOption,
     RegisteredOption,
-    ScenarioOption,
     SeedOption,
     SensorOption,
     YawOption,
@@ -21,8 +20,16 @@ from unwrinkle.commands._shared.capture import (
     print_wrinkles,
     save_analysis,
 )
+from unwrinkle.commands._shared.settings import ScenarioOption, SetOption
+from unwrinkle.garbage import gc_disabled
+
+EXAMPLES = (
+    "unwrinkle analyse depth.png --camera xtion-pro-live",
+    "unwrinkle analyse left.png right.png --head head.yaml --out out/first --no-pictures",
+)
 
 
+@gc_disabled()  # a short process: collecting frees nothing
 def analyse(
     files: CaptureArgument,
     head: HeadOption = None,
@@ -34,6 +41,7 @@ def analyse(
     sensor: SensorOption = None,
     mode: ModeOption = None,
     scenario: ScenarioOption = None,
+    settings: SetOption = None,
     out: OutOption = None,
     seed: SeedOption = 0,
     pictures: PicturesOption = True,
@@ -57,7 +65,7 @@ def analyse(
         mode=mode,
         seed=seed,
     )
-    flattener = flattener_for(options, load_cell(load_scenario(scenario)))
+    flattener = flattener_for(options, load_cell(load_scenario(scenario, settings=settings or ())))
     observation = observed(options, flattener)
     chosen = flattener.choose(observation)
     folder = out or options.folder

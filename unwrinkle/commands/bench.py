@@ -14,6 +14,11 @@ from unwrinkle.models.errors import InputError
 if TYPE_CHECKING:
     from unwrinkle.benchmarks.report import Benchmark
 
+EXAMPLES = (
+    "unwrinkle bench plans --quick",
+    "unwrinkle bench stereo --seed 1 --json stereo.json --markdown stereo.md",
+)
+
 
 def bench(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the benchmark, e.g. plans.")],

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from unwrinkle.commands._shared.examples import examples
 from unwrinkle.models.errors import InputError
 
 if TYPE_CHECKING:
@@ -38,7 +39,13 @@ CharucoOption = Annotated[
 MarkerOption = Annotated[float, typer.Option(help="Side of a ChArUco marker, metres.")]
 
 
-@calibrate.command()
+@calibrate.command(
+    epilog=examples(
+        "unwrinkle calibrate stereo pictures/ --board 9x6 --square 0.025",
+        "unwrinkle calibrate stereo left*.png right*.png --board 11x8 --square 0.03 "
+        "--charuco DICT_5X5_100 --marker 0.022",
+    )
+)
 def stereo(
     images: Annotated[
         list[Path],
@@ -89,7 +96,14 @@ def stereo(
     print(f"written to {out} and {picture}")
 
 
-@calibrate.command("hand-eye")
+@calibrate.command(
+    "hand-eye",
+    epilog=examples(
+        "unwrinkle calibrate hand-eye --stereo stereo.yaml --looks looks.yaml",
+        "unwrinkle calibrate hand-eye --poses poses.yaml --board 9x6 --square 0.025 "
+        "--camera xtion-pro-live",
+    ),
+)
 def hand_eye(
     stereo: Annotated[
         Path | None, typer.Option(help="Stereo calibration of the head's two cameras.")

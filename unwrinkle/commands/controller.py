@@ -4,11 +4,19 @@ from typing import Annotated
 
 import typer
 
+from unwrinkle.commands._shared.settings import SiteSetOption
+
+EXAMPLES = (
+    "unwrinkle controller",
+    "unwrinkle controller --fault late=0.3@5-8 --seconds 60",
+)
+
 
 def controller(
     site: Annotated[
         str, typer.Option(help="Site file *.site.yaml, or name of a shipped site: loopback.")
     ] = "loopback",
+    changes: SiteSetOption = None,
     profile: Annotated[
         str, typer.Option(help="Points it accepts: groups, ex or both; the site's if left out.")
     ] = "",
@@ -70,7 +78,7 @@ def controller(
         for kind, meaning in KINDS.items():
             say(f"{kind:16} {meaning}")
         return
-    found = find_site(site)
+    found = find_site(site, settings=changes or ())
     settings = dc.replace(
         VirtualControllerSettings.of_site(found.controller),
         delay=delay,

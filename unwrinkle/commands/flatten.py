@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from unwrinkle.commands._shared.capture import ScenarioOption
+from unwrinkle.commands._shared.settings import ScenarioOption, SetOption
 from unwrinkle.models.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,6 +19,11 @@ if TYPE_CHECKING:
 
 #: Exit codes by the run's status, beside 2 for bad input.
 EXIT_CODES = {"flat": 0, "stopped": 3, "fault": 1, "interrupted": 130}
+
+EXAMPLES = (
+    "unwrinkle flatten --garment towel --sensor xtion --seed 1",
+    "unwrinkle flatten --station loopback --site loopback --actions 3 --set loop.grasp_attempts=1",
+)
 
 
 def flatten(
@@ -75,6 +80,7 @@ def flatten(
         bool, typer.Option("--go", help="Move the robot; each plan is confirmed by its hash.")
     ] = False,
     scenario: ScenarioOption = None,
+    settings: SetOption = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the run [out/flatten-GARMENT-SEED].")
     ] = None,
@@ -116,16 +122,18 @@ def flatten(
     )
     where, approve = _devices(site, go, console)
     if resume is not None:
-        if scenario is not None or out is not None:
+        if scenario is not None or settings or out is not None:
             raise InputError(
-                "--resume uses the scenario and the folder of the run; leave --scenario and --out "
-                "out"
+                "--resume uses the scenario and the folder of the run; leave --scenario, --set and "
+                "--out out"
             )
         with console.status("reading the run"):
             session = resume_run(resume, choices, site=where, approve=approve)
     else:
         with console.status("preparing the cell and the garment"):
-            session = begin_run(choices, scenario, out, site=where, approve=approve)
+            session = begin_run(
+                choices, scenario, out, settings=settings or (), site=where, approve=approve
+            )
     if approve is not None:
         approve.preview = session.folder.path / "preview.html", session.loop.station.cell
     console.print(f"run {session.folder.path}", highlight=False, soft_wrap=True)

@@ -5,7 +5,10 @@ from typing import Annotated
 
 import typer
 
-log = typer.Typer(help="Show, replay or export the log of an execution.", no_args_is_help=True)
+from unwrinkle.commands._shared.examples import examples
+from unwrinkle.commands._shared.settings import SetOption
+
+log = typer.Typer(help="Show or replay the log of an execution.", no_args_is_help=True)
 
 _LogArgument = Annotated[Path, typer.Argument(metavar="LOG", help="Log of `unwrinkle execute`.")]
 _ScenarioOption = Annotated[
@@ -15,7 +18,7 @@ _ScenarioOption = Annotated[
 _WIDTH = 140
 
 
-@log.command()
+@log.command(epilog=examples("unwrinkle log show run.jsonl", "unwrinkle -v log show out/run.jsonl"))
 def show(path: _LogArgument) -> None:
     """Print the header, counts, states and events of a log."""
     from rich import box
@@ -39,13 +42,19 @@ def show(path: _LogArgument) -> None:
     console.print(happened)
 
 
-@log.command()
+@log.command(
+    epilog=examples(
+        "unwrinkle log replay run.jsonl",
+        "unwrinkle log replay run.jsonl --html run.html --scenario lab.scenario.yaml",
+    )
+)
 def replay(
     path: _LogArgument,
     html: Annotated[
         Path | None, typer.Option(help="Write the page to this file [beside the log].")
     ] = None,
     scenario: _ScenarioOption = None,
+    settings: SetOption = None,
 ) -> None:
     """Write a page with the robot's measured motion."""
     from rich.console import Console
@@ -56,21 +65,6 @@ def replay(
 
     records = read_run_log(path)
     page = path.with_suffix(".html") if html is None else html
-    cell = cell_of(records, scenario)
+    cell = cell_of(records, scenario, settings or ())
     write_text(page, replay_page(records, cell, plan_of(records), title=path.name))
     Console().print(f"replay  {page}", highlight=False, soft_wrap=True)
-
-
-@log.command()
-def export(
-    path: _LogArgument,
-    mcap: Annotated[Path, typer.Option(help="Write this MCAP file.")],
-) -> None:
-    """Export a log to MCAP, for tools that plot and replay recordings."""
-    from rich.console import Console
-
-    from unwrinkle.hardware.run_log.reader import read_run_log
-    from unwrinkle.logs.export import export_mcap
-
-    count = export_mcap(read_run_log(path), mcap)
-    Console().print(f"{mcap}: {count} messages", highlight=False, soft_wrap=True)

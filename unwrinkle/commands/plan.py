@@ -17,7 +17,6 @@ from unwrinkle.commands._shared.capture import (
     PicturesOption,
     PoseOption,
     RegisteredOption,
-    ScenarioOption,
     SeedOption,
     SensorOption,
     YawOption,
@@ -28,6 +27,8 @@ from unwrinkle.commands._shared.capture import (
     save_analysis,
 )
 from unwrinkle.commands._shared.posture import StartOption, posture
+from unwrinkle.commands._shared.settings import ScenarioOption, SetOption
+from unwrinkle.garbage import gc_disabled
 from unwrinkle.models.errors import NoVerifiedPlanError
 
 if TYPE_CHECKING:
@@ -44,7 +45,13 @@ _PLAN = "plan.npz"
 _VERDICT = "verdict.json"
 _PAGE = "preview.html"
 
+EXAMPLES = (
+    "unwrinkle plan depth.png --camera xtion-pro-live --pose pose.yaml",
+    "unwrinkle plan left.png right.png --head head.yaml --arms dual --set loop.mode=paper",
+)
 
+
+@gc_disabled()  # a short process: collecting frees nothing
 def plan(
     files: CaptureArgument,
     head: HeadOption = None,
@@ -63,6 +70,7 @@ def plan(
     ] = None,
     start: StartOption = None,
     scenario: ScenarioOption = None,
+    settings: SetOption = None,
     out: OutOption = None,
     seed: SeedOption = 0,
     pictures: PicturesOption = True,
@@ -90,7 +98,7 @@ def plan(
     )
     console = Console()
     clock = _Clock()
-    cell = load_cell(load_scenario(scenario))
+    cell = load_cell(load_scenario(scenario, settings=settings or ()))
     if speed is not None:
         cell = cell.with_speed(speed)
     standing = None if start is None else posture(start, cell.robot)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from unwrinkle.commands._shared.capture import ScenarioOption, SeedOption, finished_folder
+from unwrinkle.commands._shared.capture import SeedOption, finished_folder
+from unwrinkle.commands._shared.settings import ScenarioOption, SetOption
 from unwrinkle.models.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,6 +24,11 @@ _LOOK = "head.yaml"
 _TRUTH = "truth.npz"
 #: Margin of the true range map around the garment, m.
 _MARGIN = 0.05
+
+EXAMPLES = (
+    "unwrinkle render --out out/pair --scale 0.25",
+    "unwrinkle render --out out/flat --garment flat --texture print --seed 3",
+)
 
 
 def render(
@@ -42,6 +48,7 @@ def render(
         ),
     ] = None,
     scenario: ScenarioOption = None,
+    settings: SetOption = None,
 ) -> None:
     """Render the stereo head's images of a garment in the cell, with lens and noise."""
     from rich.console import Console
@@ -53,7 +60,7 @@ def render(
     if garment not in _GARMENTS:
         raise InputError(f"garment {garment!r}: unknown; known are {', '.join(_GARMENTS)}")
     console = Console()
-    cell = load_cell(load_scenario(scenario))
+    cell = load_cell(load_scenario(scenario, settings=settings or ()))
     calibration = nominal_calibration()
     head = calibration.stereo_head(cell.limits.head)
     target = cell.table.top_centre

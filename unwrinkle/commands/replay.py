@@ -5,6 +5,13 @@ from typing import Annotated
 
 import typer
 
+from unwrinkle.commands._shared.settings import SetOption
+
+EXAMPLES = (
+    "unwrinkle replay out/flatten-towel-0",
+    "unwrinkle replay out/flatten-towel-0 --live --port 7001",
+)
+
 
 def replay(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder of `unwrinkle flatten`.")],
@@ -18,6 +25,7 @@ def replay(
     scenario: Annotated[
         Path | None, typer.Option(help="Scenario of the cell; the run's own if left out.")
     ] = None,
+    settings: SetOption = None,
     host: Annotated[str, typer.Option(help="Address of the live server; * for all.")] = "localhost",
     port: Annotated[int | None, typer.Option(help="Port of the live server [first free].")] = None,
 ) -> None:
@@ -33,7 +41,8 @@ def replay(
     from unwrinkle.viewer.scene import start_meshcat
 
     folder = RunFolder.open(run)
-    cell = load_cell(load_scenario(folder.scenario_file if scenario is None else scenario))
+    file = folder.scenario_file if scenario is None else scenario
+    cell = load_cell(load_scenario(file, settings=settings or ()))
     console = Console()
     if live:
         player = LiveReplay(folder, cell, meshcat := start_meshcat(host, port))

@@ -5,11 +5,17 @@ from typing import Annotated
 
 import typer
 
+from unwrinkle.commands._shared.settings import ScenarioOption, SetOption
+
+EXAMPLES = (
+    "unwrinkle show",
+    "unwrinkle show --html cell.html --state ext_plus_90",
+)
+
 
 def show(
-    scenario: Annotated[
-        Path | None, typer.Option(help="Scenario of the cell; the shipped one if left out.")
-    ] = None,
+    scenario: ScenarioOption = None,
+    settings: SetOption = None,
     html: Annotated[
         Path | None, typer.Option(help="Write a static page to this file and exit.")
     ] = None,
@@ -25,7 +31,7 @@ def show(
     from unwrinkle.viewer.cell_view import CellView
     from unwrinkle.viewer.scene import start_meshcat
 
-    cell = load_cell(load_scenario(scenario))
+    cell = load_cell(load_scenario(scenario, settings=settings or ()))
     view = CellView(cell, meshcat := start_meshcat(host), state=state)
     console = Console()
     if html is not None:

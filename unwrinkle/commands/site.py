@@ -4,6 +4,9 @@ from typing import Annotated
 
 import typer
 
+from unwrinkle.commands._shared.examples import examples
+from unwrinkle.commands._shared.settings import SiteSetOption
+
 site = typer.Typer(help="Check a site's devices; moves nothing.", no_args_is_help=True)
 
 #: Width of a table outside a terminal, columns.
@@ -15,7 +18,12 @@ def _site() -> None:
     """Check a site's devices; moves nothing."""
 
 
-@site.command()
+@site.command(
+    epilog=examples(
+        "unwrinkle site check loopback",
+        "unwrinkle site check lab.site.yaml --set controller.host=192.168.255.1",
+    )
+)
 def check(
     name: Annotated[
         str,
@@ -23,6 +31,7 @@ def check(
             metavar="SITE", help="Site file *.site.yaml, or name of a shipped site: loopback."
         ),
     ],
+    settings: SiteSetOption = None,
     clear_queue: Annotated[
         bool,
         typer.Option(
@@ -44,7 +53,7 @@ def check(
     from unwrinkle.site.queue_clearing import clear_confirmed
     from unwrinkle.site.sites import find_site, site_cell
 
-    found = find_site(name)
+    found = find_site(name, settings=settings or ())
     limits = site_cell(found).limits
     console = Console()
     if clear_queue:

@@ -1,4 +1,3 @@
-from .export import export_mcap as export_mcap
 from .replay import (
     cell_of as cell_of,
     draw_plan as draw_plan,

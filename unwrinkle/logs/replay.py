@@ -1,5 +1,6 @@
 """Replay a run log in the browser: the measured robot, the commanded grippers, and the events."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -120,12 +121,15 @@ def plan_of(records: RunLogRecords) -> FlatteningPlan | None:
     return plan if plan.content_hash == records.header.get("plan_hash") else None
 
 
-def cell_of(records: RunLogRecords, scenario: Path | None = None) -> Cell:
+def cell_of(
+    records: RunLogRecords, scenario: Path | None = None, settings: Sequence[str] = ()
+) -> Cell:
     """Load the cell of a log.
 
     Args:
         records: records of the log.
         scenario: scenario to use instead; None for the log's own.
+        settings: changes of the scenario, e.g. `("gaze=[0, -0.2]",)`.
 
     Raises:
         InputError: the scenario is missing or wrong.
@@ -133,7 +137,7 @@ def cell_of(records: RunLogRecords, scenario: Path | None = None) -> Cell:
     own = records.header.get("scenario")
     if scenario is None and isinstance(own, str) and own:
         scenario = Path(own)
-    return load_cell(load_scenario(scenario))
+    return load_cell(load_scenario(scenario, settings=settings))
 
 
 def replay_page(

@@ -8,16 +8,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
-
+import cv2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from numpy.typing import NDArray
 
 from unwrinkle.flattening.flattener import Choice, NoChoice
 from unwrinkle.models.io.files import atomic_path
@@ -59,30 +58,59 @@ def save_pictures(
     Return their paths.
     """
     folder, painters = Path(folder), _painters(analysis, chosen)
+    range_map = analysis.range_map
     written: list[Path] = []
     for name, (caption, painter) in painters.items() if singles else ():
-        figure = Figure(figsize=(7.5, 6.0), layout="constrained")
-        axes = figure.add_subplot()
+        figure, ((axes,),) = _figure(1, 1, range_map)
         painter(axes, figure)
-        axes.set_title(caption, fontsize=10)
+        axes.set_title(caption, fontsize=10, y=1.01)
         written.append(_write(figure, folder / f"{name}.png", 130))
-    figure = Figure(figsize=(18.0, 10.5), layout="constrained")
-    for axes, (caption, painter) in zip(
-        figure.subplots(2, 3).ravel(), painters.values(), strict=False
-    ):
+    figure, grid = _figure(2, 3, range_map)
+    for axes, (caption, painter) in zip(grid.ravel(), painters.values(), strict=False):
         painter(axes, figure)
-        axes.set_title(caption, fontsize=10)
-    for axes in figure.axes[len(painters) : 6]:
+        axes.set_title(caption, fontsize=10, y=1.01)
+    for axes in grid.ravel()[len(painters) :]:
         axes.set_axis_off()
     figure.suptitle(title or "unwrinkle analyse")
     written.append(_write(figure, folder / "panel.png", 100))
     return written
 
 
+def _figure(rows: int, columns: int, range_map: RangeMap) -> tuple[Figure, NDArray[Any]]:
+    """Return a figure and its axes (rows, columns), sized to the map; margins in inches are fixed.
+
+    An automatic layout would draw everything once more to measure it.
+    """
+    x_min, x_max, y_min, y_max = range_map.extent
+    width = 4.6
+    height = width * min(max((y_max - y_min) / (x_max - x_min), 0.4), 2.0)
+    left, right, between = 0.65, 1.6, 1.5  # right of the axes stand colour bars and legends
+    bottom, top, above = 0.55, 0.75, 0.95
+    size = (
+        left + columns * width + (columns - 1) * between + right,
+        bottom + rows * height + (rows - 1) * above + top,
+    )
+    figure = Figure(figsize=size)
+    grid = figure.subplots(rows, columns, squeeze=False)
+    figure.subplots_adjust(
+        left=left / size[0],
+        right=1.0 - right / size[0],
+        bottom=bottom / size[1],
+        top=1.0 - top / size[1],
+        wspace=between / width,
+        hspace=above / height,
+    )
+    return figure, grid
+
+
 def _write(figure: Figure, path: Path, dpi: int) -> Path:
-    FigureCanvasAgg(figure)
+    figure.set_dpi(dpi)
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()  # once; `savefig` draws twice
+    image = cv2.cvtColor(np.asarray(canvas.buffer_rgba()), cv2.COLOR_RGBA2BGR)
+    _, png = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 3])
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=dpi, pil_kwargs={"compress_level": 3})
+        temporary.write_bytes(png.tobytes())
     return path
 
 
@@ -160,7 +188,8 @@ def _colour(axes: Axes, range_map: RangeMap) -> None:
 
 
 def _bar(axes: Axes, figure: Figure, image: Any, label: str) -> None:
-    figure.colorbar(image, ax=axes, shrink=0.75, pad=0.02, label=label).ax.tick_params(labelsize=8)
+    place = axes.inset_axes((1.03, 0.1, 0.04, 0.8))
+    figure.colorbar(image, cax=place, label=label).ax.tick_params(labelsize=8)
 
 
 def _height(axes: Axes, figure: Figure, range_map: RangeMap) -> None:
@@ -208,8 +237,8 @@ def _ridges(axes: Axes, analysis: Analysis) -> None:
     for index, wrinkle in enumerate(analysis.wrinkles):
         first = index == 0
         left, right = wrinkle.contours
-        for a, b in zip(left, right, strict=True):
-            axes.plot([a[0], b[0]], [a[1], b[1]], color="#7cb342", lw=0.35, alpha=0.7)
+        across = np.stack([left[:, :2], right[:, :2]], axis=1)
+        axes.add_collection(LineCollection(list(across), colors="#7cb342", lw=0.35, alpha=0.7))
         for contour in (left, right):
             axes.plot(contour[:, 0], contour[:, 1], ".", color="#1e88e5", ms=1.5)
         axes.plot(

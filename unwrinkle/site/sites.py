@@ -1,6 +1,7 @@
 """Find a site by its name or file, and load its cell."""
 
 import dataclasses as dc
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,23 +21,37 @@ def shipped_sites() -> tuple[str, ...]:
     return tuple(sorted(path.name.removesuffix(_SUFFIX) for path in files))
 
 
-def find_site(name: str | Path) -> Site:
-    """Read a site from a file, or a shipped site by its name.
-
-    Relative paths in a site file are relative to the folder of the file.
+def site_file(name: str | Path) -> Path:
+    """Return the file of a site: a file, or a shipped site by its name.
 
     Raises:
-        InputError: there is no such site, or its file is wrong.
+        InputError: there is no such site.
     """
     path = Path(name)
     if str(name) in shipped_sites() and not path.is_file():
-        path = models_dir() / "sites" / f"{name}{_SUFFIX}"
-    elif not path.is_file():
+        return models_dir() / "sites" / f"{name}{_SUFFIX}"
+    if not path.is_file():
         known = ", ".join(shipped_sites())
         raise InputError(
             f"there is no site '{name}': give a *{_SUFFIX} file, or a shipped site: {known}"
         )
-    site = load_site(path)
+    return path
+
+
+def find_site(name: str | Path, *, settings: Sequence[str] = ()) -> Site:
+    """Read a site from a file, or a shipped site by its name.
+
+    Relative paths in a site file are relative to the folder of the file.
+
+    Args:
+        name: of the file, or of the shipped site.
+        settings: changes of the file's values, e.g. `("controller.lead=0.1",)`.
+
+    Raises:
+        InputError: there is no such site, or its file is wrong.
+    """
+    path = site_file(name)
+    site = load_site(path, settings=settings)
     try:
         _check_kinds(site)
     except InputError as error:

@@ -179,3 +179,14 @@ def test_reach_bounds_the_motion_of_every_point(cell):
             worst[axis] = max(worst[axis], np.linalg.norm(moved[1] - moved[0], axis=1).max() / 1e-6)
     assert np.all(worst <= reach + 1e-6)
     assert np.all(worst > 0.3 * reach)  # and is no idle exaggeration
+
+
+def test_a_model_with_another_contact_is_as_if_built_so(cell, kinematics, contact, transit):
+    other = contact.with_contact(False)
+    near = touching(kinematics, 0.003)
+    assert contact.free(near) and not other.free(near)
+    assert other.with_contact(True).free(near)
+    rng = np.random.default_rng(5)
+    for q in rng.uniform(0.6 * cell.limits.lower, 0.6 * cell.limits.upper, (40, 13)):
+        assert other.free(q) == transit.free(q)
+        assert other.colliding_pair(q) == transit.colliding_pair(q)

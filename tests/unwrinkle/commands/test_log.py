@@ -1,6 +1,5 @@
-"""`unwrinkle log`: show, replay and export a log, complete or incomplete."""
+"""`unwrinkle log`: show and replay a log, complete or incomplete."""
 
-import json
 import sys
 from pathlib import Path
 
@@ -8,53 +7,14 @@ import numpy as np
 import pytest
 
 from unwrinkle import cli
-from unwrinkle.hardware.controller_state import DriverStatus, JointFeedback
 from unwrinkle.hardware.run_log.reader import read_run_log
 from unwrinkle.hardware.run_log.writer import RunLog
-from unwrinkle.logs import export
 from unwrinkle.logs.replay import MOST_FRAMES, measured_track, plan_of, replay_page
-from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import FlatteningPlan
 
+#: Time 0 of the fixture's log, s.
 BEGIN = 100.0
-
-
-@pytest.fixture
-def log(plan: FlatteningPlan, cell: Cell, tmp_path: Path) -> Path:
-    """Write the log of a run of the plan at 40 Hz, with rest before and after."""
-    plan.save(tmp_path / "plan.npz")
-    header = {
-        "site": "loopback",
-        "plan_file": str(tmp_path / "plan.npz"),
-        "plan_hash": plan.content_hash,
-        "axes": cell.robot.axes,
-        "clock": BEGIN,
-        "begun": "2026-01-02T03:04:05.000+00:00",
-        "scenario": "",
-        "speed": 1.0,
-    }
-    with RunLog.create(tmp_path / "run.jsonl", header) as writer:
-        for segment in plan.segments:
-            path = segment.trajectory
-            for i in range(0, len(path.times), 10):
-                now = BEGIN + 5.0 + segment.start + path.times[i]
-                writer.commanded(now, 1, i, path.times[i], path.positions[i], path.velocities[i])
-        times = np.arange(0.0, plan.segments[-1].end + 10.0, 0.025)
-        for k, time in enumerate(times):
-            local = np.clip(time - 5.0, 0.0, plan.segments[-1].end)
-            segment = [s for s in plan.segments if s.start <= local][-1]
-            q = segment.trajectory.interpolant()(
-                min(local - segment.start, segment.trajectory.duration)
-            )
-            writer.measured(BEGIN + time, JointFeedback(q, np.zeros(13), BEGIN + time, time, k))
-        for event in plan.events:
-            now = BEGIN + 5.0 + event.time
-            writer.event(now, "gripper", "both", closed=list(event.closed))
-        writer.status(BEGIN, DriverStatus("ready"))
-        writer.status(BEGIN + 5.0, DriverStatus("running"))
-        writer.event(BEGIN + 9.0, "result", "done", outcome="done")
-    return tmp_path / "run.jsonl"
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
@@ -137,40 +97,7 @@ def test_nothing_to_replay(
     assert MOST_FRAMES > 0
 
 
-def test_export(log: Path, monkeypatch: pytest.MonkeyPatch, plan: FlatteningPlan) -> None:
-    from mcap.reader import make_reader
-
-    target = log.with_suffix(".mcap")
-    assert run(monkeypatch, "export", log, "--mcap", target) == 0
-    records = read_run_log(log)
-    with target.open("rb") as stream:
-        messages = list(make_reader(stream).iter_messages())
-    counts = {topic: 0 for topic in ("/commanded", "/measured", "/status", "/events")}
-    for _, channel, _ in messages:
-        counts[channel.topic] += 1
-    assert counts["/measured"] == len(records.measured.times)
-    assert counts["/commanded"] == len(records.commanded.times)
-    assert (counts["/status"], counts["/events"]) == (2, len(records.events))
-    first = next(m for _, channel, m in messages if channel.topic == "/commanded")
-    value = json.loads(first.data)
-    np.testing.assert_array_equal(value["position"], plan.segments[0].trajectory.positions[0])
-    assert len(value["name"]) == 13
-    # 5 s after the begin, whose time of day the header states.
-    assert first.log_time == 1767323045_000_000_000 + 5_000_000_000
-    times = [message.log_time for _, _, message in messages]
-    assert times == sorted(times)
-
-
-def test_export_without_the_package(
-    log: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setitem(sys.modules, "mcap.writer", None)
-    with pytest.raises(InputError, match=r"pip install 'unwrinkle\[mcap\]'"):
-        export.export_mcap(read_run_log(log), tmp_path / "a.mcap")
-    assert not (tmp_path / "a.mcap").exists()
-
-
-@pytest.mark.parametrize("command", ["show", "replay", "export"])
+@pytest.mark.parametrize("command", ["show", "replay"])
 def test_a_file_that_is_no_log(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -179,6 +106,5 @@ def test_a_file_that_is_no_log(
     plan: FlatteningPlan,
 ) -> None:
     plan.save(tmp_path / "plan.npz")
-    options = ["--mcap", tmp_path / "a.mcap"] if command == "export" else []
-    assert run(monkeypatch, command, tmp_path / "plan.npz", *options) == 2
+    assert run(monkeypatch, command, tmp_path / "plan.npz") == 2
     assert capsys.readouterr().err.startswith("unwrinkle: ")

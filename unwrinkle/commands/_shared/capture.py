@@ -58,9 +58,6 @@ OutOption = Annotated[
 ]
 SeedOption = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
 PicturesOption = Annotated[bool, typer.Option(help="Draw the pictures.")]
-ScenarioOption = Annotated[
-    Path | None, typer.Option(help="Scenario file *.scenario.yaml; the shipped one if left out.")
-]
 
 #: Maximum number of wrinkles in the printed table.
 _LISTED = 12

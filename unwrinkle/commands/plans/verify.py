@@ -6,18 +6,23 @@ from typing import Annotated
 import typer
 
 from unwrinkle.commands._shared.posture import StartOption, posture
+from unwrinkle.commands._shared.settings import ScenarioOption, SetOption
 from unwrinkle.models.errors import NoVerifiedPlanError
 
 #: Width of a table outside a terminal, columns.
 _WIDTH = 120
 _NUMBERS = ("worst", "limit", "margin", "nearest", "lower bound", "required")
 
+EXAMPLES = (
+    "unwrinkle verify out/first/plan.npz",
+    "unwrinkle verify out/first/plan.npz --set clearance.arm_arm=0.05 --json verdict.json",
+)
+
 
 def verify(
     plan: Annotated[Path, typer.Argument(metavar="PLAN", help="A plan made by `unwrinkle plan`.")],
-    scenario: Annotated[
-        Path | None, typer.Option(help="Scenario of the cell; the shipped one if left out.")
-    ] = None,
+    scenario: ScenarioOption = None,
+    settings: SetOption = None,
     start: StartOption = None,
     json: Annotated[Path | None, typer.Option(help="Write the whole verdict to this file.")] = None,
 ) -> None:
@@ -33,7 +38,7 @@ def verify(
     from unwrinkle.planning.plan import FlatteningPlan
     from unwrinkle.planning.verification.verifier import verify as verify_plan
 
-    cell = load_cell(load_scenario(scenario))
+    cell = load_cell(load_scenario(scenario, settings=settings or ()))
     loaded = FlatteningPlan.load(plan)
     loaded.check_made_for(cell)
     standing = None if start is None else posture(start, cell.robot)

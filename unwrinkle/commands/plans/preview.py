@@ -5,7 +5,13 @@ from typing import Annotated
 
 import typer
 
+from unwrinkle.commands._shared.settings import ScenarioOption, SetOption
 from unwrinkle.models.errors import InputError, NoVerifiedPlanError
+
+EXAMPLES = (
+    "unwrinkle preview out/first/plan.npz --html preview.html",
+    "unwrinkle preview out/first/plan.npz --html preview.html --at 1.5",
+)
 
 
 def preview(
@@ -18,9 +24,8 @@ def preview(
         typer.Option("--live/--no-live", help="Show the plan live [unless --html is given]."),
     ] = None,
     at: Annotated[float | None, typer.Option(help="Open the page paused at this time, s.")] = None,
-    scenario: Annotated[
-        Path | None, typer.Option(help="Scenario of the plan's cell; the shipped one if left out.")
-    ] = None,
+    scenario: ScenarioOption = None,
+    settings: SetOption = None,
     host: Annotated[str, typer.Option(help="Address of the live server; * for all.")] = "localhost",
 ) -> None:
     """Verify a plan and show it with its hash and verdict; exit code 3 if it is not verified."""
@@ -35,7 +40,7 @@ def preview(
     from unwrinkle.viewer.preview import LivePreview, preview_page
     from unwrinkle.viewer.scene import start_meshcat
 
-    cell = load_cell(load_scenario(scenario))
+    cell = load_cell(load_scenario(scenario, settings=settings or ()))
     loaded = FlatteningPlan.load(plan)
     loaded.check_made_for(cell)
     if at is not None and not 0.0 <= at <= loaded.segments[-1].end:

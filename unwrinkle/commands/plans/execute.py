@@ -8,6 +8,11 @@ from typing import Annotated
 
 import typer
 
+EXAMPLES = (
+    "unwrinkle execute out/first/plan.npz --site loopback",
+    "unwrinkle execute out/first/plan.npz --site lab.site.yaml --go --speed 0.1 --log run.jsonl",
+)
+
 
 def execute(
     plan: Annotated[Path, typer.Argument(metavar="PLAN", help="A plan made by `unwrinkle plan`.")],

@@ -1,0 +1,1 @@
+"""Commands on a plan file: verify, show, execute, export and document it."""
