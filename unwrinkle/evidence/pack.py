@@ -23,7 +23,6 @@ from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification.verdict import Verdict
 from unwrinkle.planning.verification.verifier import verify
 from unwrinkle.site.preflight_checks import (
-    check_calibration,
     check_governor,
     check_groups,
     check_margins,
@@ -33,6 +32,7 @@ from unwrinkle.site.preflight_checks import (
     tip_speed,
 )
 from unwrinkle.site.sites import find_site, site_cell, site_file
+from unwrinkle.systems.station.preconditions import check_calibration
 
 #: Packages whose versions decide the figures.
 _PACKAGES = ("unwrinkle", "drake", "numpy", "scipy", "toppra", "ruckig", "opencv-python-headless")
