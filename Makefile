@@ -5,7 +5,7 @@ PYTHON ?= $(shell for p in python3.11 python3; do \
 VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
-BENCHMARKS := $(filter-out report,$(patsubst benchmarks/%.py,%,$(wildcard benchmarks/[a-z]*.py)))
+BENCHMARKS := $(shell sed -n 's/^    "\([a-z0-9_]*\)": .*/\1/p' benchmarks/harness/registry.py)
 
 .PHONY: help flatten test lint type bench format clean
 
@@ -31,7 +31,7 @@ lint: $(VENV)/ready
 	$(BIN)/lint-imports --no-cache
 
 type: $(VENV)/ready
-	$(BIN)/mypy -p unwrinkle
+	$(BIN)/mypy -p unwrinkle -p benchmarks -p tests.robustness
 
 bench: $(VENV)/ready
 	$(PIP) install --quiet --constraint constraints.txt --no-build-isolation --editable '.[bench]'

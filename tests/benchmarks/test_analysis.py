@@ -1,7 +1,7 @@
 import pytest
 
-from unwrinkle.benchmarks import analysis
-from unwrinkle.benchmarks._data import TABLE
+from benchmarks.harness.data import TABLE
+from benchmarks.perception import analysis
 from unwrinkle.perception.wrinkles.analysis import analyse
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unwrinkle.benchmarks import _baseline_policies as policies
-from unwrinkle.benchmarks._baseline_policies import POLICIES, Pull, carried_out
-from unwrinkle.benchmarks._data import TABLE
+from benchmarks.harness.data import TABLE
+from benchmarks.published.garments import baseline_policies as policies
+from benchmarks.published.garments.baseline_policies import POLICIES, Pull, carried_out
 from unwrinkle.models.cloth import load_material
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from unwrinkle.benchmarks._glance import BOARDS, glance
+from benchmarks.published.summary import BOARDS, glance
 from unwrinkle.cli import app
 from unwrinkle.models.errors import InputError
 

@@ -5,17 +5,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks import calibration
-from unwrinkle.benchmarks._calibration_scene import (
+from benchmarks.perception import calibration
+from unwrinkle.models.transforms import transformed
+from unwrinkle.perception.calibration.hand_eye import angle_between
+from unwrinkle.perception.stereo.head_file import nominal_head
+from unwrinkle.testing.calibration_scene import (
     Units,
     board_places,
     in_view,
     scaled_head,
     true_head,
 )
-from unwrinkle.models.transforms import transformed
-from unwrinkle.perception.calibration.hand_eye import angle_between
-from unwrinkle.perception.stereo.head_file import nominal_head
 
 NOMINAL = nominal_head()
 

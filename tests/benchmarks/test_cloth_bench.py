@@ -5,13 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from unwrinkle.benchmarks import _cloth_checks, _cloth_rest, cloth
+from benchmarks.cloth import benchmark as cloth
+from benchmarks.cloth import closed_forms, rest
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
 
 
 def test_the_cloth_agrees_with_the_closed_forms() -> None:
-    checks = _cloth_checks.run_checks()
+    checks = closed_forms.run_checks()
     limits = {"cantilever": 0.04, "stretch": 0.01, "shear": 0.04, "sag": 0.01, "incline": 0.01}
     assert set(checks) == set(limits)
     for name, rows in checks.items():
@@ -21,15 +22,15 @@ def test_the_cloth_agrees_with_the_closed_forms() -> None:
 
 def test_the_closed_form_of_a_cantilever_is_peirces_for_a_stiff_strip() -> None:
     # B / weight = 3e-4 / 3.43: the elastica's bending length is within 2 % of its cube root.
-    row = _cloth_checks.cantilever(
-        _cloth_checks.load_material("terry").changed(bending=3e-4, plastic_bending=0.0), 0.081
+    row = closed_forms.cantilever(
+        closed_forms.load_material("terry").changed(bending=3e-4, plastic_bending=0.0), 0.081
     )
     assert row["bending_length_exact"] == pytest.approx(row["bending_length_material"], rel=0.02)
 
 
 def test_one_process_repeats_itself() -> None:
-    assert _cloth_rest.fingerprint(24, 0) == _cloth_rest.fingerprint(24, 0)
-    assert _cloth_rest.fingerprint(24, 0) != _cloth_rest.fingerprint(24, 1)
+    assert rest.fingerprint(24, 0) == rest.fingerprint(24, 0)
+    assert rest.fingerprint(24, 0) != rest.fingerprint(24, 1)
 
 
 def test_the_page_is_made_from_the_figures(tmp_path: Path) -> None:
@@ -38,6 +39,6 @@ def test_the_page_is_made_from_the_figures(tmp_path: Path) -> None:
     assert cloth.table(report["results"]).strip() in page
     assert not report["quick"]
     assert report["results"]["same_bits"]["same"]
-    assert report["results"]["pulls_flat_at_1.1"] == len(_cloth_rest.WRINKLES)
+    assert report["results"]["pulls_flat_at_1.1"] == len(rest.WRINKLES)
     cloth.plot(report["results"], tmp_path / "cloth.png")
     assert (tmp_path / "cloth.png").stat().st_size > 10_000

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks.ctu_masks import best_overlap, run, silhouette, table
+from benchmarks.perception.ctu_masks import best_overlap, run, silhouette, table
 from unwrinkle.models.errors import InputError
 
 SHAPE = [[0, 0], [300, 0], [300, 120], [140, 120], [140, 260], [0, 260]]

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks import depth_cameras
-from unwrinkle.benchmarks._depth_camera_noise import levels_of, noise_figures, step_of
-from unwrinkle.benchmarks._depth_camera_scenes import edge_figures, restored, stored
+from benchmarks.perception.depth_cameras import benchmark as depth_cameras
+from benchmarks.perception.depth_cameras.noise import levels_of, noise_figures, step_of
+from benchmarks.perception.depth_cameras.scenes import edge_figures, restored, stored
 from unwrinkle.perception.camera import load_camera
 from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.simulation.depth_cameras.cameras import load_depth_camera

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks import _garment_rows, garments
-from unwrinkle.benchmarks._garment_rows import METHODS, by_policy, made
-from unwrinkle.benchmarks._loop_rows import VERTICES
-from unwrinkle.benchmarks._rows import Row
+from benchmarks.harness.trials import Trial
+from benchmarks.published.garments import benchmark as garments
+from benchmarks.published.garments import trials
+from benchmarks.published.garments.trials import METHODS, by_policy, made
+from benchmarks.published.loop_trials import VERTICES
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.archive import load_archive, save_archive
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothError, ClothState
@@ -35,7 +36,7 @@ def fake(folder: Path, *, shift: float = 0.0) -> Any:
     arrays = {"v0": square, "v1": end, "triangles": np.array([[0, 1, 2]])}
     save_archive(folder / VERTICES, {"flat_height": 0.7}, arrays)
 
-    def rows(board: str, wanted: Sequence[Row], progress: Any) -> list[dict[str, Any]]:
+    def rows(board: str, wanted: Sequence[Trial], progress: Any) -> list[dict[str, Any]]:
         return [
             {
                 "name": row.name,
@@ -75,7 +76,7 @@ def course(method: str, shift: float = 0.0) -> dict[str, Any]:
 
 @pytest.fixture
 def results(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Any]:
-    monkeypatch.setattr(garments, "run_rows", fake(tmp_path / "row"))
+    monkeypatch.setattr(garments, "run_trials", fake(tmp_path / "row"))
     monkeypatch.setitem(garments._SEEDS, "pinched", 1)
     return garments.run(quick=False, seed=0, progress=lambda done, total, stage: None)
 
@@ -105,10 +106,10 @@ def test_a_start_that_cannot_be_made_gives_way_to_the_next(results: dict[str, An
 
 
 def test_no_start_at_all_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    def none(board: str, wanted: Sequence[Row], progress: Any) -> list[dict[str, Any]]:
+    def none(board: str, wanted: Sequence[Trial], progress: Any) -> list[dict[str, Any]]:
         return [{"made": False, "reason": "torn"} for _ in wanted]
 
-    monkeypatch.setattr(garments, "run_rows", none)
+    monkeypatch.setattr(garments, "run_trials", none)
     with pytest.raises(InputError, match="bunched-towel-4; give another seed"):
         garments.chosen_seeds(
             [("bunched", "towel")], 0, {"bunched": 1}, lambda done, total, stage: None
@@ -122,7 +123,7 @@ def test_a_start_that_flies_apart_is_told(
     def fails(*_: object) -> ClothState:
         raise error
 
-    monkeypatch.setattr(_garment_rows, "start_of", fails)
+    monkeypatch.setattr(trials, "start_of", fails)
     row = made({"scenario": SHORT["scenario"], "start": SHORT["start"]}, tmp_path / "row")
     assert row == {"made": False, "reason": str(error)}
 
@@ -171,7 +172,7 @@ def test_the_page_shows_figures_failures_and_whose_they_are(results: dict[str, A
 
 
 def test_starts_that_differ_are_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(garments, "run_rows", fake(tmp_path / "row", shift=0.01))
+    monkeypatch.setattr(garments, "run_trials", fake(tmp_path / "row", shift=0.01))
     results = garments.run(quick=True, seed=0, progress=lambda done, total, stage: None)
     assert results["unpaired"] == ["bunched-towel", "bunched-dishcloth"]
     assert "NOT PAIRED" in garments.table(results)
@@ -180,7 +181,7 @@ def test_starts_that_differ_are_told(monkeypatch: pytest.MonkeyPatch, tmp_path: 
 def test_quick_is_small_and_plots(
     results: dict[str, Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(garments, "run_rows", fake(tmp_path / "quick"))
+    monkeypatch.setattr(garments, "run_trials", fake(tmp_path / "quick"))
     quick = garments.run(quick=True, seed=3, progress=lambda done, total, stage: None)
     assert (quick["most_actions"], quick["counts"], quick["seeds"]["bunched-towel"]) == (
         3,
@@ -223,7 +224,7 @@ def test_a_pull_that_tears_is_taken_back(
     def torn(cloth: Cloth, state: ClothState, pull: object) -> ClothState:
         raise error
 
-    monkeypatch.setattr(_garment_rows, "carried_out", torn)
+    monkeypatch.setattr(trials, "carried_out", torn)
     row = by_policy({**SHORT, "policy": "random"}, tmp_path / "row")
     assert row["broken"] == 2
     assert row["coverages"][0] == row["coverages"][1] == row["coverages"][2]

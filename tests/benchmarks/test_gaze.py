@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks import gaze
-from unwrinkle.benchmarks._head_in_cell import HeadInCell
+from benchmarks.perception.gaze import benchmark as gaze
+from benchmarks.perception.gaze.rendered_head import HeadInCell
 from unwrinkle.perception.gaze.vergence import TOLERANCE
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from unwrinkle.benchmarks._glance import BEGIN, BOARDS, END, glance, with_glance
+from benchmarks.published.summary import BEGIN, BOARDS, END, glance, with_glance
 from unwrinkle.models.errors import InputError
 
 

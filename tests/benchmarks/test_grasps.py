@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks import grasps
-from unwrinkle.benchmarks._grasp_rows import CHOICES, OURS, grasped, wanted
-from unwrinkle.benchmarks._grasp_states import STATES, cloth_of, start_of
-from unwrinkle.benchmarks._loop_rows import VERTICES
+from benchmarks.published.grasps import benchmark as grasps
+from benchmarks.published.grasps.states import STATES, cloth_of, start_of
+from benchmarks.published.grasps.trials import CHOICES, OURS, grasped, wanted
+from benchmarks.published.loop_trials import VERTICES
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.archive import save_archive
 from unwrinkle.models.robot import load_cell
@@ -94,7 +94,7 @@ def test_page_and_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
             made.append(_made_up(*row.settings.values(), folder, failed=failed))
         return made
 
-    monkeypatch.setattr(grasps, "run_rows", rows)
+    monkeypatch.setattr(grasps, "run_trials", rows)
     results = grasps.run(quick=False, seed=3, progress=lambda done, total, stage: None)
     assert len(asked) == 51 and asked[-1].name == "bunched-13"
     left = {"start": "bunched-4", "reason": "ClothError: it flew apart"}
@@ -122,7 +122,7 @@ def test_quick_is_one_seed_of_the_easier_states(monkeypatch: pytest.MonkeyPatch)
         asked.extend(row.settings for row in rows)
         raise InputError("enough")
 
-    monkeypatch.setattr(grasps, "run_rows", refuse)
+    monkeypatch.setattr(grasps, "run_trials", refuse)
     with pytest.raises(InputError, match="enough"):
         grasps.run(quick=True, seed=4, progress=lambda done, total, stage: None)
     assert asked == [{"state": name, "seed": 4} for name in ("ridge", "pushed", "bunched")]

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from unwrinkle.benchmarks import levers
-from unwrinkle.benchmarks._lever_cells import CELLS, QUICK, STEREO, TRUTH, core_minutes
-from unwrinkle.benchmarks._loop_rows import changed
-from unwrinkle.benchmarks._rows import Row
+from benchmarks.harness.trials import Trial
+from benchmarks.published.loop_trials import changed
+from benchmarks.published.sensitivity import benchmark as levers
+from benchmarks.published.sensitivity.conditions import CELLS, QUICK, STEREO, TRUTH, core_minutes
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.scenario import Scenario
 
@@ -18,7 +18,7 @@ def told(done: int, total: int, stage: str) -> None:
     """Take no notice."""
 
 
-def made_up(row: Row, actions: int, height: float = 0.003) -> dict[str, Any]:
+def made_up(row: Trial, actions: int, height: float = 0.003) -> dict[str, Any]:
     heights = [0.02] * actions + [height]
     return {
         "name": row.name,
@@ -39,7 +39,7 @@ def board(monkeypatch: pytest.MonkeyPatch, better: str = "section") -> dict[str,
     alone 2 more and leave the last one unflat.
     """
 
-    def rows(name: str, wanted: Sequence[Row], progress: Any) -> list[dict[str, Any]]:
+    def rows(name: str, wanted: Sequence[Trial], progress: Any) -> list[dict[str, Any]]:
         assert name == "levers" and len({row.folder(name) for row in wanted}) == len(wanted)
         found = []
         for row in wanted:
@@ -50,7 +50,7 @@ def board(monkeypatch: pytest.MonkeyPatch, better: str = "section") -> dict[str,
             found.append(made_up(row, actions + 2 * alone, height))
         return found
 
-    monkeypatch.setattr(levers, "run_rows", rows)
+    monkeypatch.setattr(levers, "run_trials", rows)
     return levers.run(quick=False, seed=0, progress=told)
 
 
@@ -120,13 +120,13 @@ def test_the_page_says_what_beats_the_default(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_a_quick_board_is_two_small_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    asked: list[Row] = []
+    asked: list[Trial] = []
 
-    def rows(name: str, wanted: Sequence[Row], progress: Any) -> list[dict[str, Any]]:
+    def rows(name: str, wanted: Sequence[Trial], progress: Any) -> list[dict[str, Any]]:
         asked.extend(wanted)
         return [made_up(row, 1 + number) for number, row in enumerate(wanted)]
 
-    monkeypatch.setattr(levers, "run_rows", rows)
+    monkeypatch.setattr(levers, "run_trials", rows)
     results = levers.run(quick=True, seed=3, progress=told)
     assert "or more): none." in levers.table(results)  # one start tells nothing
     assert len(asked) == len(QUICK) == 2

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from unwrinkle.benchmarks import loop
-from unwrinkle.benchmarks._flatten_runs import Run, source_digest
+from benchmarks.loop import benchmark as loop
+from benchmarks.loop.runs import Run, source_digest
 
 
 def action(outcome: str, seconds: float, height: float) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from unwrinkle.benchmarks._loop_rows import VERTICES, changed, flattened
+from benchmarks.published.loop_trials import VERTICES, changed, flattened
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.archive import load_archive
 from unwrinkle.models.scenario import load_scenario

@@ -2,7 +2,7 @@
 
 import pytest
 
-from unwrinkle.benchmarks import parity
+from benchmarks.parity import benchmark as parity
 
 pytestmark = pytest.mark.alone
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from unwrinkle.benchmarks._code_digest import code_digest
-from unwrinkle.benchmarks._rows import Row, run_rows
+from benchmarks.harness.digest import code_digest
+from benchmarks.harness.trials import Trial, run_trials
 from unwrinkle.models.errors import InputError
 
 _WORK = """
@@ -22,14 +22,14 @@ def work(settings, folder):
 
 
 @pytest.fixture
-def rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Row]:
+def rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Trial]:
     (tmp_path / "code").mkdir()
     (tmp_path / "code" / "probe_work.py").write_text(_WORK)
     monkeypatch.syspath_prepend(str(tmp_path / "code"))
     monkeypatch.chdir(tmp_path)
     common = {"calls": str(tmp_path / "calls"), "fails": str(tmp_path / "fails")}
     return [
-        Row(name, "probe_work:work", {"name": name, "value": value, **common})
+        Trial(name, "probe_work:work", {"name": name, "value": value, **common})
         for value, name in enumerate("abc")
     ]
 
@@ -44,15 +44,15 @@ class Told:
         self.calls.append((done, total))
 
 
-def test_an_interrupted_board_goes_on(rows: list[Row], tmp_path: Path) -> None:
+def test_an_interrupted_board_goes_on(rows: list[Trial], tmp_path: Path) -> None:
     (tmp_path / "fails").touch()
     with pytest.raises(InputError, match="1 of 3 rows failed, the first b: ValueError: no such"):
-        run_rows("probe", rows, Told(), workers=1)
-    kept = run_rows("probe", rows, Told(), workers=1, tolerated="ValueError")
+        run_trials("probe", rows, Told(), workers=1)
+    kept = run_trials("probe", rows, Told(), workers=1, tolerated="ValueError")
     assert [row.get("failed") for row in kept] == [None, "ValueError: no such wrinkle", None]
     (tmp_path / "fails").unlink()
     told = Told()
-    done = run_rows("probe", rows, told, workers=1)
+    done = run_trials("probe", rows, told, workers=1)
     assert [row["twice"] for row in done] == [0, 2, 4]
     assert [row["name"] for row in done] == ["a", "b", "c"]
     assert sorted((tmp_path / "calls").read_text()) == ["a", "b", "b", "b", "c"]
@@ -60,37 +60,38 @@ def test_an_interrupted_board_goes_on(rows: list[Row], tmp_path: Path) -> None:
     assert all((Path(row["folder"]) / "kept.txt").exists() for row in done)
 
 
-def test_other_settings_and_other_boards_have_other_places(rows: list[Row]) -> None:
-    other = Row(rows[0].name, rows[0].work, {**rows[0].settings, "value": 9})
+def test_other_settings_and_other_boards_have_other_places(rows: list[Trial]) -> None:
+    other = Trial(rows[0].name, rows[0].work, {**rows[0].settings, "value": 9})
     assert rows[0].folder("probe") != other.folder("probe")
     assert rows[0].folder("probe") != rows[0].folder("another")
 
 
 def test_digest_follows_what_is_imported() -> None:
     loop, statistics = (
-        code_digest(f"unwrinkle.benchmarks.{name}") for name in ("_loop_rows", "_statistics")
+        code_digest(f"benchmarks.{name}")
+        for name in ("published.loop_trials", "harness.statistics")
     )
     assert loop != statistics and len(loop) == 64
     with pytest.raises(InputError, match="no such module"):
-        code_digest("unwrinkle.benchmarks.nothing")
+        code_digest("benchmarks.nothing")
 
 
-def test_more_rows_than_processes_may_serve_come_to_an_end(rows: list[Row]) -> None:
+def test_more_rows_than_processes_may_serve_come_to_an_end(rows: list[Trial]) -> None:
     many = [
-        Row(f"row-{k}", rows[0].work, {**rows[0].settings, "name": "m", "value": k})
+        Trial(f"row-{k}", rows[0].work, {**rows[0].settings, "name": "m", "value": k})
         for k in range(7)
     ]
-    done = run_rows("many", many, Told(), workers=2)
+    done = run_trials("many", many, Told(), workers=2)
     assert [row["twice"] for row in done] == [2 * k for k in range(7)]
 
 
 def test_a_process_that_dies_is_a_row_that_failed(
-    rows: list[Row], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    rows: list[Trial], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "code" / "deadly_work.py").write_text(
         "import os\n\ndef work(settings, folder):\n    os._exit(9)\n"
     )
-    row = Row("gone", "deadly_work:work", {})
+    row = Trial("gone", "deadly_work:work", {})
     with pytest.raises(InputError, match="gone: its process died"):
-        run_rows("probe", [row, rows[0]], Told(), workers=1)
+        run_trials("probe", [row, rows[0]], Told(), workers=1)
     assert (rows[0].folder("probe") / "row.json").exists()

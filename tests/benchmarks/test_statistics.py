@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._statistics import mean_interval, wilson
+from benchmarks.harness.statistics import mean_interval, wilson
 
 
 def test_interval_holds_the_true_mean_about_as_often_as_it_says() -> None:

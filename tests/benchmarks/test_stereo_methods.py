@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._stereo_methods import METHODS
+from benchmarks.perception.stereo.methods import METHODS
 
 
 @pytest.mark.parametrize("name", list(METHODS))

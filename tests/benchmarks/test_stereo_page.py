@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import pytest
 
-from unwrinkle.benchmarks import stereo
+from benchmarks.perception.stereo import benchmark as stereo
 
 Results = dict[str, Any]
 

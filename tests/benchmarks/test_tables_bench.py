@@ -6,15 +6,15 @@ from typing import Any
 
 import pytest
 
-from unwrinkle.benchmarks import table1, table2
-from unwrinkle.benchmarks._rows import Row
+from benchmarks.harness.trials import Trial
+from benchmarks.published import table1, table2
 
 
 def told(done: int, total: int, stage: str) -> None:
     """Take no notice."""
 
 
-def made_up(row: Row, *, actions: int, height: float, arms: int = 2, status: str = "flat") -> Any:
+def made_up(row: Trial, *, actions: int, height: float, arms: int = 2, status: str = "flat") -> Any:
     look = {"outcome": "done", "arms": arms, "seconds": {"look": 4.0}, "total": 7.0}
     heights = [0.02] * actions + [height]
     return {
@@ -37,7 +37,7 @@ def made_up(row: Row, *, actions: int, height: float, arms: int = 2, status: str
 
 
 def table2_run(monkeypatch: pytest.MonkeyPatch, counts: dict[str, int]) -> dict[str, Any]:
-    def rows(board: str, wanted: Sequence[Row], progress: Any) -> list[Any]:
+    def rows(board: str, wanted: Sequence[Trial], progress: Any) -> list[Any]:
         assert board == "table2"
         found = []
         for row in wanted:
@@ -47,7 +47,7 @@ def table2_run(monkeypatch: pytest.MonkeyPatch, counts: dict[str, int]) -> dict[
             found.append(made_up(row, actions=counts[cell] + int(seed) % 2, height=height))
         return found
 
-    monkeypatch.setattr(table2, "run_rows", rows)
+    monkeypatch.setattr(table2, "run_trials", rows)
     return table2.run(quick=False, seed=0, progress=told)
 
 
@@ -93,7 +93,7 @@ def test_runs_of_other_code_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def table1_run(monkeypatch: pytest.MonkeyPatch, spoilt: str) -> dict[str, Any]:
-    def rows(board: str, wanted: Sequence[Row], progress: Any) -> list[Any]:
+    def rows(board: str, wanted: Sequence[Trial], progress: Any) -> list[Any]:
         return [
             made_up(
                 row, actions=1 + (row.name == spoilt), height=0.002, arms=2 - (row.name == spoilt)
@@ -101,7 +101,7 @@ def table1_run(monkeypatch: pytest.MonkeyPatch, spoilt: str) -> dict[str, Any]:
             for row in wanted
         ]
 
-    monkeypatch.setattr(table1, "run_rows", rows)
+    monkeypatch.setattr(table1, "run_trials", rows)
     monkeypatch.setattr(table1, "RUN", tuple(table1.READINGS))
     return table1.run(quick=False, seed=0, progress=told)
 

@@ -8,13 +8,12 @@ import json
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks import trajectories
-from unwrinkle.benchmarks._plan_tasks import tasks
-from unwrinkle.benchmarks._trajectory_measures import NO_DEVIATION, judge, limit_ratios, offsets
-from unwrinkle.benchmarks._trajectory_methods import METHODS, PERIOD, Failure, Law
-from unwrinkle.benchmarks._trajectory_moveit import Waypoints, smooth
-from unwrinkle.benchmarks._trajectory_optimum import PathProgramme, joint_bound
-from unwrinkle.benchmarks._trajectory_paths import (
+from benchmarks.planning.trajectories import benchmark as trajectories
+from benchmarks.planning.trajectories.measures import NO_DEVIATION, judge, limit_ratios, offsets
+from benchmarks.planning.trajectories.methods import METHODS, PERIOD, Failure, Law
+from benchmarks.planning.trajectories.moveit import Waypoints, smooth
+from benchmarks.planning.trajectories.optimum import PathProgramme, joint_bound
+from benchmarks.planning.trajectories.paths import (
     HOLDING,
     NAMES,
     SHIPPED,
@@ -22,7 +21,7 @@ from unwrinkle.benchmarks._trajectory_paths import (
     content_hash,
     load_paths,
 )
-from unwrinkle.benchmarks._trajectory_rows import find, problem_of
+from benchmarks.planning.trajectories.trials import find, problem_of
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.archive import load_archive, save_archive
 from unwrinkle.models.robot import load_cell
@@ -30,6 +29,7 @@ from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.search.key_poses import POSES
 from unwrinkle.planning.timing.joint_path import JointPath, PathLimits
 from unwrinkle.planning.timing.straight_lines import time_line
+from unwrinkle.testing.targets import tasks
 
 SET = load_paths()
 LIMITS = SET.limits

@@ -1,6 +1,6 @@
 """The wrinkledness benchmark runs, and its brute force agrees."""
 
-from unwrinkle.benchmarks.wrinkledness import run, table
+from benchmarks.perception.wrinkledness import run, table
 
 
 def test_quick_run() -> None:

@@ -5,7 +5,7 @@ import dataclasses as dc
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import TABLE
+from benchmarks.harness.data import TABLE
 from unwrinkle.flattening.observation import GarmentFeatures, Observation, WrinkleFeatures
 from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.perception.range_map import RangeMap

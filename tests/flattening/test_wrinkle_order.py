@@ -5,7 +5,7 @@ import dataclasses as dc
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import TABLE
+from benchmarks.harness.data import TABLE
 from unwrinkle.flattening.observation import Observation, WrinkleFeatures
 from unwrinkle.flattening.policy import (
     GarmentFeatures,

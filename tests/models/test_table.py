@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import TABLE
+from benchmarks.harness.data import TABLE
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.table import Table

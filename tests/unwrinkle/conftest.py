@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.harness.data import TABLE
 from unwrinkle import cli
-from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.flattening.flattener import Choice, NoChoice, choose
 from unwrinkle.flattening.observation import Observation
 from unwrinkle.flattening.policy import PolicyState

@@ -6,9 +6,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._calibration_scene import true_head
-from unwrinkle.benchmarks.calibration import _BOARD as BOARD
-from unwrinkle.benchmarks.calibration import _Looks, corners_of
+from benchmarks.perception.calibration import _BOARD as BOARD
+from benchmarks.perception.calibration import _Looks, corners_of
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.transforms import inverse
 from unwrinkle.perception.calibration.hand_eye import angle_between
@@ -16,6 +15,7 @@ from unwrinkle.perception.calibration.head import HeadFit, HeadView, calibrate_h
 from unwrinkle.perception.calibration.stereo import StereoCalibration, calibrate_stereo
 from unwrinkle.perception.stereo.head import Eye, Gaze, StereoHead
 from unwrinkle.perception.stereo.head_file import nominal_calibration
+from unwrinkle.testing.calibration_scene import true_head
 
 NOMINAL = nominal_calibration()
 

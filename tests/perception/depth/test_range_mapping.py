@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import GARMENT_CENTRE, TABLE
+from benchmarks.harness.data import GARMENT_CENTRE, TABLE
 from unwrinkle.models.errors import InputError, NoGarmentError
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.range_mapping import Capture, load_capture, range_map_from_capture

@@ -4,8 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import GARMENT_CENTRE, TABLE
-from unwrinkle.benchmarks.analysis import (
+from benchmarks.harness.data import GARMENT_CENTRE, TABLE
+from benchmarks.perception.analysis import (
     SENSORS,
     angle_between,
     compare,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import TABLE
+from benchmarks.harness.data import TABLE
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.wrinkles.analysis import analyse
 from unwrinkle.perception.wrinkles.hole_filling import WEIGHT, fill_holes

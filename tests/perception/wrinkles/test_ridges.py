@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks.analysis import angle_between, map_of
+from benchmarks.perception.analysis import angle_between, map_of
 from unwrinkle.perception.sensor import noise_profile
 from unwrinkle.perception.wrinkles.ridges import contour_points, link, ridge_points
 from unwrinkle.perception.wrinkles.surface import fit_surface, sample

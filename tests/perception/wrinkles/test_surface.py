@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from unwrinkle.benchmarks.analysis import map_of
+from benchmarks.perception.analysis import map_of
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import noise_profile

@@ -4,8 +4,8 @@ import math
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import TABLE
-from unwrinkle.benchmarks.analysis import flat_map, map_of
+from benchmarks.harness.data import TABLE
+from benchmarks.perception.analysis import flat_map, map_of
 from unwrinkle.models.choices import PullReading
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.table import Table

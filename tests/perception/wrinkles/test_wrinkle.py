@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from unwrinkle.benchmarks._data import TABLE
-from unwrinkle.benchmarks.analysis import flat_map, map_of
+from benchmarks.harness.data import TABLE
+from benchmarks.perception.analysis import flat_map, map_of
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import noise_profile

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unwrinkle.benchmarks._data import TABLE
+from benchmarks.harness.data import TABLE
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.camera import Camera

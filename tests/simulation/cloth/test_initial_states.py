@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import TABLE
+from benchmarks.harness.data import TABLE
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import STARTS

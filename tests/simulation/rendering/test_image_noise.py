@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from unwrinkle.benchmarks._data import TABLE
+from benchmarks.harness.data import TABLE
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.camera import Camera
 from unwrinkle.simulation.rendering.image_noise import (

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import TABLE
+from benchmarks.harness.data import TABLE
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.transforms import inverse, transformed
 from unwrinkle.perception.camera import Camera

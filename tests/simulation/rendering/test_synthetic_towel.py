@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import GARMENT_CENTRE, TABLE
+from benchmarks.harness.data import GARMENT_CENTRE, TABLE
 from unwrinkle.models.io.loader_yaml import models_dir
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.range_mapping import load_capture, range_map_from_capture

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.common.value import Value
 
-from unwrinkle.benchmarks._data import TABLE
+from benchmarks.harness.data import TABLE
 from unwrinkle.flattening.messages import Perceived
 from unwrinkle.flattening.station_messages import DepthImage
 from unwrinkle.models.cloth import load_material

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.harness.data import TABLE
 from unwrinkle import cli
-from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.commands.render import truth_of
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.stereo.head_file import load_head_angles
