@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from benchmarks.cloth import closed_forms
 from benchmarks.cloth import rest as _cloth_rest
-from benchmarks.harness.data import TABLE
 from benchmarks.harness.report import Progress
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.io.files import atomic_path
@@ -18,6 +17,7 @@ from unwrinkle.simulation.cloth.cloth import Cloth
 from unwrinkle.simulation.cloth.initial_states import start_state
 from unwrinkle.simulation.cloth.measures import height_map, measure
 from unwrinkle.simulation.cloth.outlines import outline
+from unwrinkle.testing.table import TABLE
 
 _PICTURES = (
     ("towel", "terry", "ridge"),

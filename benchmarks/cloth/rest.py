@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.harness.data import TABLE
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import UnwrinkleError
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
@@ -19,6 +18,7 @@ from unwrinkle.simulation.cloth.fingers import carry, let_go, take
 from unwrinkle.simulation.cloth.initial_states import Centre, ridge, start_state
 from unwrinkle.simulation.cloth.measures import largest_height, measure, overstretch
 from unwrinkle.simulation.cloth.outlines import outline
+from unwrinkle.testing.table import TABLE
 
 CENTRE: Centre = (0.0, -1.1)
 # Direction across the wrinkle in degrees, slack in m.

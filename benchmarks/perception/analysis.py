@@ -9,175 +9,30 @@ import time
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
-from benchmarks.harness.data import TABLE
 from benchmarks.harness.report import Progress
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import noise_profile
 from unwrinkle.perception.target import FlatteningTarget
-from unwrinkle.perception.wrinkles.analysis import Analysis, analyse
+from unwrinkle.perception.wrinkles.analysis import analyse
 from unwrinkle.perception.wrinkles.ridges import link, ridge_points
 from unwrinkle.perception.wrinkles.surface import fit_surface
 from unwrinkle.perception.wrinkles.targeting import flattening_target
 from unwrinkle.perception.wrinkles.wrinkle import wrinkles_of
 from unwrinkle.perception.wrinkles.wrinkledness import wrinkledness
-from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
+from unwrinkle.testing.table import TABLE
+from unwrinkle.testing.towels import (
+    SENSORS,
+    compare,
+    crossed_towel,
+    crossing_separated,
+    flat_map,
+    map_of,
+    ridged_towel,
+)
 
-CENTRE = (0.0, -1.10)
-SENSORS = ("stereo", "xtion", "tof")
-
-#: Metres of noise of one reading on flat cloth, sigma over its correlation length in cells.
-_NOISE = {"stereo": (0.0001, 0.0), "xtion": (0.002, 2.0), "tof": (0.004, 0.0)}
-_XTION_STEP = 0.003
-_SIDE = 0.46
-_EXTENT = 0.5
+#: Megapixels of a map, and its resolution, m.
 _SIZES = ((1, 0.0005), (4, 0.00025), (16, 0.000125))
-
-
-def map_of(
-    towel: Towel,
-    resolution: float,
-    *,
-    sensor: str = "stereo",
-    noise: float = 0.0001,
-    seed: int = 0,
-    extent: float = _EXTENT,
-) -> RangeMap:
-    """Range map of a towel, `extent` metres square about its centre, with white noise (a sigma)."""
-    count = round(extent / resolution)
-    steps = (np.arange(count) - 0.5 * (count - 1)) * resolution
-    x, y = np.meshgrid(towel.centre[0] + steps, towel.centre[1] + steps)
-    rng = np.random.default_rng(seed)
-    height = towel.height(x, y) + noise * rng.standard_normal(x.shape)
-    return RangeMap(
-        height=height.astype(np.float32),
-        valid=np.ones(x.shape, dtype=bool),
-        garment=towel.edge_distance(x, y) > 0.0,
-        resolution=resolution,
-        origin=np.array([x[0, 0], y[0, 0]]),
-        table_height=towel.table_height,
-        sensor=sensor,
-    )
-
-
-def flat_map(sensor: str, seed: int) -> RangeMap:
-    """Flat cloth on the table with the sensor's noise; an Xtion sees it in steps, from aslant."""
-    rng = np.random.default_rng(seed)
-    towel = Towel(ridges=(), side=_SIDE, seed=seed)
-    clean = map_of(
-        towel, noise_profile(sensor).resolution, sensor=sensor, noise=0.0, extent=_EXTENT + 0.1
-    )
-    sigma, blotch = _NOISE[sensor]
-    noise = rng.standard_normal(clean.shape)
-    if blotch > 0.0:
-        noise = gaussian_filter(noise, blotch)
-    noise *= sigma / noise.std()
-    height = clean.height + noise
-    if sensor == "xtion":
-        rows, columns = np.indices(clean.shape)
-        tilt = rng.uniform(-0.05, 0.05, 2) * clean.resolution
-        plane = tilt[0] * columns + tilt[1] * rows + rng.uniform(0.0, _XTION_STEP)
-        height = np.rint((height + plane) / _XTION_STEP) * _XTION_STEP - plane
-    return RangeMap(
-        height=height.astype(np.float32),
-        valid=clean.valid,
-        garment=clean.garment,
-        resolution=clean.resolution,
-        origin=clean.origin,
-        table_height=clean.table_height,
-        sensor=sensor,
-    )
-
-
-def ridged_towel(seed: int) -> Towel:
-    """A towel with one Gaussian ridge in each quarter, of any direction, sigma and height."""
-    rng = np.random.default_rng(seed)
-    ridges = []
-    for x in (-0.115, 0.115):
-        for y in (-0.115, 0.115):
-            sigma = rng.uniform(0.0075, 0.0135)
-            ridges.append(
-                Ridge(
-                    centre=(CENTRE[0] + x, CENTRE[1] + y),
-                    angle=rng.uniform(-math.pi / 2, math.pi / 2),
-                    height=sigma * rng.uniform(0.8, 1.6),
-                    sigma=sigma,
-                    length=rng.uniform(0.10, 0.15),
-                )
-            )
-    return Towel(ridges=tuple(ridges), centre=CENTRE, side=_SIDE, seed=seed)
-
-
-def crossed_towel(seed: int) -> Towel:
-    """A towel with two Gaussian ridges that cross at 40 to 90 degrees."""
-    rng = np.random.default_rng(seed)
-    angle = rng.uniform(-math.pi / 2, math.pi / 2)
-    turn = rng.uniform(math.radians(40.0), math.pi / 2)
-    ridges = tuple(
-        Ridge(centre=CENTRE, angle=a, height=1.2 * sigma, sigma=sigma, length=0.36)
-        for a, sigma in ((angle, rng.uniform(0.009, 0.013)), (angle + turn, 0.011))
-    )
-    return Towel(ridges=ridges, centre=CENTRE, side=_SIDE, seed=seed)
-
-
-def angle_between(direction: NDArray[np.float64], angle: float) -> float:
-    """Angle between a direction (dx, dy) and a line at `angle`, both without sense, radians."""
-    off = math.atan2(direction[1], direction[0]) - angle
-    return abs((off + math.pi / 2) % math.pi - math.pi / 2)
-
-
-def formula_width(ridge: Ridge) -> float:
-    """Distance of the inflections: 2 sigma, metres."""
-    return 2.0 * ridge.sigma
-
-
-def formula_chord_height(ridge: Ridge) -> float:
-    """Height of the top over the inflections: (1 - exp(-1/2)) h, metres."""
-    return (1.0 - math.exp(-0.5)) * ridge.height
-
-
-def compare(towel: Towel, analysis: Analysis) -> dict[str, Any]:
-    """Errors of the wrinkles against the towel's ridges; metres, radians.
-
-    Returns:
-        width, chord_height, direction: lists of absolute errors of the ridges that were found;
-        missed, extra: ridges without a wrinkle and wrinkles without a ridge; ranking_kept: whether
-        the wrinkles' order is that of Eq. 4 on the true widths and heights and measured lengths.
-    """
-    found: list[tuple[Ridge, Any]] = []
-    left = list(analysis.wrinkles)
-    for ridge in towel.ridges:
-        near = [w for w in left if np.hypot(*(w.centre - np.array(ridge.centre))) < 0.03]
-        if near:
-            found.append((ridge, near[0]))
-            left = [w for w in left if w is not near[0]]
-    true_volume = [
-        w.length * formula_width(ridge) * formula_chord_height(ridge) for ridge, w in found
-    ]
-    order = np.argsort([-w.volume_score for _, w in found])
-    ranked = np.array(true_volume)[order]
-    return {
-        "width": [abs(w.width - formula_width(r)) for r, w in found],
-        "chord_height": [abs(w.chord_height - formula_chord_height(r)) for r, w in found],
-        "direction": [angle_between(w.direction, r.angle) for r, w in found],
-        "missed": len(towel.ridges) - len(found),
-        "extra": len(left),
-        # Volumes within 5 % of each other are a tie.
-        "ranking_kept": bool(np.all(ranked[1:] <= 1.05 * ranked[:-1])),
-    }
-
-
-def crossing_separated(towel: Towel, analysis: Analysis) -> bool:
-    """Whether each wrinkle runs along one of the ridges, and each ridge has a wrinkle."""
-    owners = []
-    for wrinkle in analysis.wrinkles:
-        off = [angle_between(wrinkle.direction, ridge.angle) for ridge in towel.ridges]
-        if min(off) > math.radians(3.0):
-            return False
-        owners.append(int(np.argmin(off)))
-    return set(owners) == set(range(len(towel.ridges)))
 
 
 def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
@@ -191,10 +46,10 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
         towel = ridged_towel(seed + k)
         outcome = compare(towel, analyse(map_of(towel, 0.0005, seed=seed + k), table=TABLE))
         for name, values in errors.items():
-            values.extend(outcome[name])
-        missed += outcome["missed"]
-        extra += outcome["extra"]
-        kept += outcome["ranking_kept"]
+            values.extend(getattr(outcome, name))
+        missed += outcome.missed
+        extra += outcome.extra
+        kept += outcome.ranking_kept
     separated = 0
     for k in range(crossings):
         progress(k, crossings, "crossings")

@@ -13,21 +13,20 @@ import time
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from benchmarks.harness.data import TABLE, data_folder
+from benchmarks.harness.data import data_folder
 from benchmarks.harness.report import Progress
 from unwrinkle.models.arrays import Pose
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import load_cell
-from unwrinkle.models.transforms import inverse, pose, transformed
+from unwrinkle.models.transforms import inverse, pose
 from unwrinkle.perception.calibration.boards import Board
 from unwrinkle.perception.calibration.files import find_board_pairs, find_pairs
 from unwrinkle.perception.calibration.hand_eye import angle_between
-from unwrinkle.perception.calibration.head import HeadFit, HeadView, calibrate_head
-from unwrinkle.perception.calibration.stereo import PairView, StereoCalibration, calibrate_stereo
+from unwrinkle.perception.calibration.head import HeadFit
+from unwrinkle.perception.calibration.stereo import calibrate_stereo
 from unwrinkle.perception.stereo.head import StereoHead
-from unwrinkle.perception.stereo.head_file import HeadCalibration, nominal_calibration
+from unwrinkle.perception.stereo.head_file import nominal_calibration
 from unwrinkle.perception.stereo.pair import StereoPair
 from unwrinkle.perception.stereo.range_mapping import range_map_from_pair
 from unwrinkle.simulation.devices.pan_tilt import REPEATABILITY
@@ -37,23 +36,18 @@ from unwrinkle.simulation.rendering.meshes import towel_mesh
 from unwrinkle.simulation.rendering.renderer import Renderer
 from unwrinkle.simulation.rendering.synthetic_towel import Towel, wrinkled_towel
 from unwrinkle.testing.calibration_scene import (
-    Eyes,
+    BOARD,
+    BoardScene,
     Units,
-    board_places,
-    corner_errors,
     corners_of,
-    fixed_place,
-    gazes,
     photographs_of,
     scaled_head,
     true_head,
 )
+from unwrinkle.testing.table import TABLE
 
 _REAL = "stereo_chessboard"
-_BOARD = Board(11, 8, 0.04)
 _CORNER_NOISE = 0.04  # pixels along either axis: what photographs of the board have
-_STAGE = (0.0, -1.15, 0.80)  # looked at while the board is carried about
-_FIXED = (0.02, -1.12, 0.86)  # where the board stays
 _AWAY = pose(np.eye(3), np.array([0.0, 30.0, 0.0]))
 _RIM = 0.006
 _QUICK_SCALE = 0.25
@@ -117,60 +111,11 @@ def _synthetic(number: int, repeatability: float, progress: Progress, done: int)
     rng = np.random.default_rng(number)
     nominal = nominal_calibration()
     truth = true_head(nominal.stereo_head(), rng)
-    looks = _Looks(truth, corners_of(truth, _BOARD, _CORNER_NOISE, rng), rng, 20, 20)
+    looks = BoardScene(truth, corners_of(truth, BOARD, _CORNER_NOISE, rng), rng, 20, 20)
     pairs = looks.pairs()
-    stereo = calibrate_stereo(pairs, _BOARD).calibration
+    stereo = calibrate_stereo(pairs, BOARD).calibration
     fit = looks.calibrated(stereo, nominal, repeatability, number)
     return {"seed": number, "repeatability": repeatability, **_errors(truth, fit)}
-
-
-class _Looks:
-    """What a head sees of boards: at many places, and of a fixed one from many gazes."""
-
-    def __init__(
-        self, truth: StereoHead, eyes: Eyes, rng: np.random.Generator, places: int, looks: int
-    ) -> None:
-        self.truth, self.eyes = truth, eyes
-        margin = _BOARD.square * np.array([[-1, -1], [-1, _BOARD.rows], [_BOARD.columns, -1]])
-        corners = [*margin, _BOARD.square * np.array([_BOARD.columns, _BOARD.rows])]
-        self.outline_T = np.column_stack([corners, np.zeros(4)])
-        # Whoever carries the board about sees by the images, not by the angles, what is in view.
-        self.stage = truth.gaze_at(np.array(_STAGE))
-        self.places = board_places(truth, self.stage, self.outline_T, places, rng)
-        self.fixed = fixed_place(_FIXED, _BOARD.points_T.mean(axis=0))
-        self.gazes = gazes(truth, transformed(self.fixed, self.outline_T), looks, rng)
-        self.corner_errors: list[NDArray[np.float64]] = []
-
-    def pairs(self, progress: Progress | None = None) -> list[PairView]:
-        """Views of the board at its places."""
-        found, poses = [], self.truth.poses(self.stage)
-        for number, X_WT in enumerate(self.places):
-            if progress is not None:
-                progress(number, len(self.places), "board at places")
-            left, right = self.eyes(X_WT, poses)
-            self.corner_errors.append(corner_errors(self.truth, X_WT, poses, (left, right)))
-            if left is not None and right is not None:
-                found.append(PairView(str(number), left, right))
-        return found
-
-    def calibrated(
-        self,
-        stereo: StereoCalibration,
-        nominal: HeadCalibration,
-        repeatability: float,
-        seed: int,
-        progress: Progress | None = None,
-    ) -> HeadFit:
-        """Look at the fixed board and calibrate; repeatability of the units in steps."""
-        units, looks = Units.of(self.truth, repeatability, seed), []
-        for number, gaze in enumerate(self.gazes):
-            if progress is not None:
-                progress(number, len(self.gazes), f"gazes, repeatability {repeatability} steps")
-            poses = self.truth.poses(units.go(gaze))
-            left, right = self.eyes(self.fixed, poses)
-            self.corner_errors.append(corner_errors(self.truth, self.fixed, poses, (left, right)))
-            looks.append(HeadView(f"look {number}", gaze, left, right))
-        return calibrate_head(looks, stereo, nominal)
 
 
 class _RenderedCell:
@@ -185,15 +130,15 @@ class _RenderedCell:
         self.nominal = nominal.with_head(head)
         self.truth = true_head(head, self.rng)
         texel = 0.0002 / scale
-        squares = (_BOARD.columns + 1, _BOARD.rows + 1)
-        board = chessboard(*squares, _BOARD.square, texel=texel)
+        squares = (BOARD.columns + 1, BOARD.rows + 1)
+        board = chessboard(*squares, BOARD.square, texel=texel)
         self.board = board.mesh.name
         self.towel = wrinkled_towel(seed)
         items = [board.mesh] if quick else [board.mesh, towel_mesh(self.towel, kind="terry")]
         self.renderer = Renderer(load_cell(), items)
-        eyes = photographs_of(self.truth, self.renderer, board, _BOARD, seed)
+        eyes = photographs_of(self.truth, self.renderer, board, BOARD, seed)
         places, looks = (12, 12) if quick else (20, 20)
-        self.looks = _Looks(self.truth, eyes, self.rng, places, looks)
+        self.looks = BoardScene(self.truth, eyes, self.rng, places, looks)
         self.spreads = (0.0,) if quick else (0.0, REPEATABILITY)
         self.fit: HeadFit | None = None
 
@@ -201,7 +146,7 @@ class _RenderedCell:
         """Calibrate from photographs, once for each repeatability of the units."""
         pairs = self.looks.pairs(progress)
         start = time.perf_counter()
-        fit = calibrate_stereo(pairs, _BOARD)
+        fit = calibrate_stereo(pairs, BOARD)
         taken = time.perf_counter() - start
         found, rows = fit.calibration, []
         _log.info("rendered: %d pairs, RMS %.4f px, %.1f s", len(pairs), found.rms, taken)

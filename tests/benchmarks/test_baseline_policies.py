@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmarks.harness.data import TABLE
 from benchmarks.published.garments import baseline_policies as policies
 from benchmarks.published.garments.baseline_policies import POLICIES, Pull, carried_out
 from unwrinkle.models.cloth import load_material
@@ -16,6 +15,7 @@ from unwrinkle.simulation.cloth.initial_states import ridge
 from unwrinkle.simulation.cloth.measures import coverage
 from unwrinkle.simulation.cloth.outlines import outline
 from unwrinkle.systems.perception.true_range_map import true_range_map
+from unwrinkle.testing.table import TABLE
 
 CENTRE = (0.0, -1.10)
 SPACE = 0.002

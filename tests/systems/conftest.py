@@ -13,7 +13,6 @@ from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
-from benchmarks.harness.data import TABLE
 from unwrinkle.flattening.station_messages import (
     ControllerStatus,
     GripperCommand,
@@ -36,6 +35,7 @@ from unwrinkle.site.virtual_equipment import VirtualEquipment
 from unwrinkle.systems.station.hardware import build_hardware_station
 from unwrinkle.systems.station.loopback import build_loopback_station
 from unwrinkle.systems.station.simulated import build_sim_station
+from unwrinkle.testing.table import TABLE
 
 
 class Bench:

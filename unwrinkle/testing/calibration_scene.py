@@ -1,7 +1,4 @@
-"""A head that is not quite the nominal one, and boards in front of it.
-
-What a calibration must find.
-"""
+"""A head that is not quite the nominal one, which a calibration must find, and boards before it."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -14,13 +11,20 @@ from scipy.spatial.transform import Rotation
 from unwrinkle.models.arrays import Pose
 from unwrinkle.models.transforms import inverse, pose, transformed
 from unwrinkle.perception.calibration.boards import Board, BoardView, NoBoard, find_board
+from unwrinkle.perception.calibration.head import HeadFit, HeadView, calibrate_head
+from unwrinkle.perception.calibration.stereo import PairView, StereoCalibration
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.stereo.head import Gaze, StereoHead
+from unwrinkle.perception.stereo.head_file import HeadCalibration
 from unwrinkle.simulation.devices.pan_tilt import VirtualPanTilt
 from unwrinkle.simulation.rendering.boards import RenderedBoard
 from unwrinkle.simulation.rendering.image_noise import photograph_pair
 from unwrinkle.simulation.rendering.renderer import Renderer
 
+#: 12 x 9 squares of 40 mm.
+BOARD = Board(11, 8, 0.04)
+_STAGE = (0.0, -1.15, 0.80)  # looked at while the board is carried about, m
+_FIXED = (0.02, -1.12, 0.86)  # where the board stays, m
 _MARGIN = 0.012  # of the image's width that the board's corners keep from its border
 _TABLE = 0.70
 _TRIES = 20000
@@ -33,7 +37,7 @@ Eyes = Callable[[Pose, tuple[Pose, Pose]], tuple[BoardView | None, BoardView | N
 
 
 def true_head(nominal: StereoHead, rng: np.random.Generator) -> StereoHead:
-    """A head as it might really be: cameras, mounts and the right base off by usual errors."""
+    """Make a head as it might really be: cameras, mounts and the right base off by usual errors."""
 
     def off(X: Pose, turn: float, shift: float) -> Pose:
         R = Rotation.from_rotvec(rng.uniform(-turn, turn, 3)).as_matrix()
@@ -60,7 +64,7 @@ def true_head(nominal: StereoHead, rng: np.random.Generator) -> StereoHead:
 
 
 def scaled_head(head: StereoHead, scale: float) -> StereoHead:
-    """The head with cameras of fewer pixels of the same view."""
+    """Return the head with cameras of fewer pixels of the same view."""
 
     def fewer(camera: Camera) -> Camera:
         return dataclasses.replace(
@@ -78,7 +82,7 @@ def scaled_head(head: StereoHead, scale: float) -> StereoHead:
 
 
 def in_view(camera: Camera, X_WC: Pose, points_W: NDArray[np.float64]) -> bool:
-    """Whether all points (n, 3) are in the camera's image, off its border."""
+    """Return whether all points (n, 3) are in the camera's image, off its border."""
     points = transformed(inverse(X_WC), points_W)
     if points[:, 2].min() < 0.5:
         return False
@@ -95,7 +99,7 @@ def board_places(
     count: int,
     rng: np.random.Generator,
 ) -> list[Pose]:
-    """Poses X_WT of a board held up above the table, tilted every way, over the whole image."""
+    """Choose poses X_WT of a board above the table, tilted every way, over the whole image."""
     X_WL, X_WR = head.poses(gaze)
     camera = head.left.camera
     middle = outline_T.mean(axis=0)
@@ -120,7 +124,7 @@ def board_places(
 
 
 def fixed_place(centre: tuple[float, float, float], middle_T: NDArray[np.float64]) -> Pose:
-    """X_WT of a board that leans on the table, its face towards the head."""
+    """Return X_WT of a board that leans on the table, its face towards the head."""
     lean = Rotation.from_euler("x", 180.0 + 20.0, degrees=True)
     turn = Rotation.from_euler("z", 190.0, degrees=True)
     X_WT = pose((turn * lean).as_matrix(), np.array(centre))
@@ -131,7 +135,7 @@ def fixed_place(centre: tuple[float, float, float], middle_T: NDArray[np.float64
 def gazes(
     head: StereoHead, outline_W: NDArray[np.float64], count: int, rng: np.random.Generator
 ) -> list[Gaze]:
-    """Gazes, in whole steps, with all of the board in both images and often near their borders."""
+    """Choose gazes, in whole steps, with the board in both images, often near their borders."""
     middle = outline_W.mean(axis=0)
     aimed = head.gaze_at(middle)
     found: list[Gaze] = []
@@ -163,7 +167,7 @@ class Units:
 
     @staticmethod
     def of(head: StereoHead, repeatability: float, seed: int) -> "Units":
-        """Units of a head; repeatability in steps."""
+        """Make the units of a head; repeatability in steps."""
         seeds = np.random.SeedSequence(seed).generate_state(2)
         left, right = (
             VirtualPanTilt(
@@ -185,7 +189,7 @@ class Units:
 
 
 def corners_of(head: StereoHead, board: Board, noise: float, rng: np.random.Generator) -> Eyes:
-    """Eyes that find every corner of a board up to white noise, without images."""
+    """Make eyes that find every corner of a board up to white noise, without images."""
 
     def look(X_WT: Pose, poses: tuple[Pose, Pose]) -> tuple[BoardView, BoardView]:
         views = []
@@ -205,7 +209,7 @@ def corners_of(head: StereoHead, board: Board, noise: float, rng: np.random.Gene
 def photographs_of(
     head: StereoHead, renderer: Renderer, rendered: RenderedBoard, board: Board, seed: int
 ) -> Eyes:
-    """Eyes that photograph the scene with the board in it, and find it in the pictures."""
+    """Make eyes that photograph the scene with the board in it, and find it in the pictures."""
     state = np.random.default_rng(seed)
     shift = np.array([rendered.square, rendered.square, 0.0])
 
@@ -227,10 +231,68 @@ def photographs_of(
 def corner_errors(
     head: StereoHead, X_WT: Pose, poses: tuple[Pose, Pose], views: Sequence[BoardView | None]
 ) -> NDArray[np.float64]:
-    """Distances (n,) of found corners from where the true cameras have them, pixels."""
+    """Return the distances (n,) of found corners from where the true cameras have them, pixels."""
     errors = []
     for eye, X_WC, view in zip((head.left, head.right), poses, views, strict=True):
         if view is not None:
             truth = eye.camera.project(transformed(inverse(X_WC) @ X_WT, view.points_T))
             errors.append(np.linalg.norm(view.corners - truth, axis=1))
     return np.concatenate(errors) if errors else np.zeros(0)
+
+
+class BoardScene:
+    """What a head sees of boards: at many places, and of a fixed one from many gazes."""
+
+    def __init__(
+        self, truth: StereoHead, eyes: Eyes, rng: np.random.Generator, places: int, looks: int
+    ) -> None:
+        """Choose poses of the board and gazes at it.
+
+        Args:
+            truth: the head.
+            eyes: make the views.
+            rng: of every choice.
+            places: of the board that is carried about.
+            looks: at the fixed board.
+        """
+        self.truth, self.eyes = truth, eyes
+        margin = BOARD.square * np.array([[-1, -1], [-1, BOARD.rows], [BOARD.columns, -1]])
+        corners = [*margin, BOARD.square * np.array([BOARD.columns, BOARD.rows])]
+        self.outline_T = np.column_stack([corners, np.zeros(4)])
+        # Whoever carries the board about sees by the images, not by the angles, what is in view.
+        self.stage = truth.gaze_at(np.array(_STAGE))
+        self.places = board_places(truth, self.stage, self.outline_T, places, rng)
+        self.fixed = fixed_place(_FIXED, BOARD.points_T.mean(axis=0))
+        self.gazes = gazes(truth, transformed(self.fixed, self.outline_T), looks, rng)
+        self.corner_errors: list[NDArray[np.float64]] = []
+
+    def pairs(self, progress: Callable[[int, int, str], None] | None = None) -> list[PairView]:
+        """Return the views of the board at its places."""
+        found, poses = [], self.truth.poses(self.stage)
+        for number, X_WT in enumerate(self.places):
+            if progress is not None:
+                progress(number, len(self.places), "board at places")
+            left, right = self.eyes(X_WT, poses)
+            self.corner_errors.append(corner_errors(self.truth, X_WT, poses, (left, right)))
+            if left is not None and right is not None:
+                found.append(PairView(str(number), left, right))
+        return found
+
+    def calibrated(
+        self,
+        stereo: StereoCalibration,
+        nominal: HeadCalibration,
+        repeatability: float,
+        seed: int,
+        progress: Callable[[int, int, str], None] | None = None,
+    ) -> HeadFit:
+        """Look at the fixed board and calibrate; repeatability of the units in steps."""
+        units, looks = Units.of(self.truth, repeatability, seed), []
+        for number, gaze in enumerate(self.gazes):
+            if progress is not None:
+                progress(number, len(self.gazes), f"gazes, repeatability {repeatability} steps")
+            poses = self.truth.poses(units.go(gaze))
+            left, right = self.eyes(self.fixed, poses)
+            self.corner_errors.append(corner_errors(self.truth, self.fixed, poses, (left, right)))
+            looks.append(HeadView(f"look {number}", gaze, left, right))
+        return calibrate_head(looks, stereo, nominal)

@@ -1,4 +1,4 @@
-"""Cells, plans and captures that the fault rows share; each is made once."""
+"""The shipped cell, its planner and a plan, each made once, and cells that differ from it."""
 
 import dataclasses as dc
 from functools import cache
@@ -18,31 +18,31 @@ _TABLE = "[0, -1.2, 0.70]"
 
 @cache
 def cell() -> Cell:
-    """The shipped cell."""
+    """Load the shipped cell."""
     return load_cell()
 
 
 @cache
 def planner() -> FlatteningPlanner:
-    """Its planner."""
+    """Build its planner."""
     return FlatteningPlanner(cell())
 
 
 @cache
 def plan() -> FlatteningPlan:
-    """A dual-arm plan in it, from home."""
+    """Plan a dual-arm motion in it, from home."""
     found = planner().plan(flattening_task((0.0, -1.10), 0.2)).plan
     assert found is not None
     return found
 
 
 def home() -> np.ndarray:
-    """The posture (13,) at home, rad."""
+    """Return the posture (13,) at home, rad."""
     return np.array(cell().robot.named_states["home"], dtype=float)
 
 
 def with_table(folder: Path, y: float, scenario: Scenario | None = None) -> Scenario:
-    """A scenario whose working table stands at another y, m, in a directives file of its own."""
+    """Return a scenario whose working table stands at another y, m, in a file of its own."""
     scenario = scenario or load_scenario()
     text = resolve(scenario.directives[0]).read_text(encoding="utf-8")
     assert text.count(_TABLE) == 1, "the working table's place in the shipped cell"
@@ -52,7 +52,7 @@ def with_table(folder: Path, y: float, scenario: Scenario | None = None) -> Scen
 
 
 def with_jerk(folder: Path, share: float) -> Scenario:
-    """A scenario whose limits file states a share of the shipped jerk limits."""
+    """Return a scenario whose limits file states a share of the shipped jerk limits."""
     scenario = load_scenario()
     limits = yaml.safe_load(resolve(scenario.limits).read_text(encoding="utf-8"))
     for axis in (*limits["arm"].values(), *limits["turntable"].values()):

@@ -1,7 +1,4 @@
-"""Drake's optimisation-based inverse kinematics in place of our own.
-
-A test oracle and a yardstick.
-"""
+"""Drake's optimisation-based inverse kinematics in place of the closed form, to compare with."""
 
 import numpy as np
 from pydrake.math import RotationMatrix
@@ -37,7 +34,7 @@ class DrakeInverseKinematics(Kinematics):
         iterations: int = 6,
         tolerance: float = 1e-9,
     ) -> InverseSolution:
-        """At most one branch (index 0) per pose.
+        """Return at most one branch (index 0) per pose.
 
         Arguments as `Kinematics.inverse`, the last two unused.
         """
@@ -53,7 +50,7 @@ class DrakeInverseKinematics(Kinematics):
         return InverseSolution(q, found, found)
 
     def solve(self, arm: int, turntable: float, X_WT: Array, guess: Array) -> Array | None:
-        """Angles (6,) of one arm for one pose within the limits, or None.
+        """Return the angles (6,) of one arm for one pose within the limits, or None.
 
         Args:
             arm: 0 right, 1 left.

@@ -30,7 +30,7 @@ from unwrinkle.systems.diagram import build_flattening_diagram, supervisor_state
 
 #: What the depth camera gives at the n-th exposure (from 1); an exception's text becomes the
 #: reason.
-Camera_ = Callable[[int], Capture]
+DepthPictures = Callable[[int], Capture]
 
 _PERIOD = 0.025
 _OFF_BEAT = 0.010
@@ -42,9 +42,13 @@ CAMERA = Camera("overhead", 400, 300, 437.5, 437.5, 199.5, 149.5, sensor="stereo
 def towel_capture(
     towel: Towel, *, sigma: float = 0.0001, seed: int = 0, x: float | None = None
 ) -> Capture:
-    """What a camera 1.6 m above the floor, over the towel or at an x of its own, sees in depth.
+    """Return what a camera 1.6 m above the floor sees of a towel, without colour.
 
-    Without colour.
+    Args:
+        towel: that is seen.
+        sigma: standard deviation of the depths, m.
+        seed: of their noise.
+        x: of the camera, m; over the towel if left out.
     """
     pose = overhead_pose(towel.centre[0] if x is None else x, towel.centre[1], 1.6)
     taken = capture_of(towel, CAMERA, pose, sigma=sigma, seed=seed)
@@ -66,7 +70,7 @@ class Script:
         posture: where the arms stood when each came, (13,) rad.
     """
 
-    look: Camera_
+    look: DepthPictures
     no_close: dict[int, tuple[bool, bool]] = field(default_factory=dict)
     lost_at: str = ""
     deaf: frozenset[int] = frozenset()
@@ -230,14 +234,14 @@ class LoopRun:
 
 @cache
 def depth_cell() -> Cell:
-    """The shipped cell with the depth camera as its sensor."""
+    """Return the shipped cell with the depth camera as its sensor."""
     scenario = load_scenario()
     return load_cell(dc.replace(scenario, sensor=dc.replace(scenario.sensor, kind="depth")))
 
 
 @cache
 def _loop(cell: Cell) -> tuple[Diagram, ScriptedStation]:
-    """The loop around a scripted station; its models take a second to build."""
+    """Build the loop around a scripted station; its models take a second to build."""
     head = nominal_calibration().stereo_head(cell.limits.head)
     station: Any = ScriptedStation(_home(cell))
     return build_flattening_diagram(cell, station, head), station

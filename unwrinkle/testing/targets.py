@@ -1,4 +1,4 @@
-"""The planning benchmark's targets: fixed and seeded."""
+"""Flattening targets, and the planning benchmark's set of them: fixed and seeded."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -31,7 +31,7 @@ def flattening_task(
     errors: tuple[float, float] = (0.0, 0.0),
     table_height: float = 0.70,
 ) -> FlatteningTarget:
-    """A target on a flat garment.
+    """Make a target on a flat garment.
 
     Args:
         centre: of the wrinkle, world x and y, m.
@@ -60,8 +60,8 @@ def flattening_task(
 
 
 def tasks(seed: int, *, quick: bool = False) -> list[Task]:
-    """The fixed set: 8 directions x 5 centres in both readings of the paper's angles, and 40 over
-    +-90 degrees.
+    """Return the fixed set: 8 directions x 5 centres in both readings of the paper's angles, and 40
+    over +-90 degrees.
     """
     rng = np.random.default_rng(seed)
 

@@ -1,7 +1,4 @@
-"""How fast a motion could be without a jerk limit.
-
-Toppra's optimum, as the yardstick of the timing.
-"""
+"""Compute the least duration of a motion without a jerk limit, by toppra, to compare with."""
 
 import numpy as np
 
@@ -14,8 +11,7 @@ _GRIDPOINTS = 200  # twice the planner's
 
 
 def jerk_free_time(path: JointPath, limits: Limits, tip_speed: float | None = None) -> float:
-    """Least duration of a path from rest to rest under velocity and acceleration limits alone, s
-    (toppra).
+    """Compute the least duration of a path from rest to rest without a jerk limit, s (toppra).
 
     Args:
         path: the path.
@@ -34,7 +30,7 @@ def jerk_free_profile(
 
 
 def jerk_free_line_time(start: Array, goal: Array, limits: Limits) -> float:
-    """The same for a straight joint line: the trapezoid of speed, s."""
+    """Compute the same for a straight joint line: the trapezoid of speed, s."""
     distance = np.abs(np.asarray(goal) - np.asarray(start))
     if distance.max() < 1e-12:
         return 0.0

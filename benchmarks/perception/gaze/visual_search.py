@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness.data import TABLE
 from unwrinkle.models.arrays import Pose
 from unwrinkle.models.transforms import inverse, transformed, turn
 from unwrinkle.perception.features import Template, template, view
@@ -20,6 +19,7 @@ from unwrinkle.simulation.rendering.meshes import rectangle_mesh, towel_mesh
 from unwrinkle.simulation.rendering.renderer import Renderer
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
 from unwrinkle.simulation.rendering.textures import Texture
+from unwrinkle.testing.table import TABLE
 
 FACTOR = 4
 _MOST = 6000

@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness.data import TABLE
 from unwrinkle.models.arrays import Pose
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.table import Table
@@ -28,6 +27,7 @@ from unwrinkle.simulation.rendering.meshes import height_field_mesh, rectangle_m
 from unwrinkle.simulation.rendering.renderer import Renderer
 from unwrinkle.simulation.rendering.synthetic_towel import Towel, wrinkled_towel
 from unwrinkle.simulation.rendering.textures import cloth, wood
+from unwrinkle.testing.table import TABLE
 
 _RIM = 0.006  # the towel's rim, where it comes down to the table, is not judged
 _NEAR_DISTANCE = 1.25

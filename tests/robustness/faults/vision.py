@@ -4,10 +4,11 @@ import dataclasses as dc
 from collections.abc import Callable
 
 import numpy as np
+from pydrake.common.value import Value
 
-from benchmarks.harness.data import GARMENT_CENTRE, TABLE
 from tests.robustness.rig.fault import Case, Row
 from unwrinkle.flattening import policy
+from unwrinkle.flattening.messages import Perceived
 from unwrinkle.flattening.observation import Observation
 from unwrinkle.flattening.state import RunStatus
 from unwrinkle.flattening.station_messages import HeadImage
@@ -15,9 +16,12 @@ from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.perception.depth.range_mapping import range_map_from_capture
 from unwrinkle.perception.range_map import RangeMap
+from unwrinkle.perception.stereo.head_file import nominal_calibration
 from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.perception.wrinkles.analysis import Analysis, analyse
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
+from unwrinkle.systems.perception.stereo import StereoPerceptionSystem
+from unwrinkle.testing import cells
 from unwrinkle.testing.scripted_station import (
     LoopRun,
     Script,
@@ -25,7 +29,8 @@ from unwrinkle.testing.scripted_station import (
     run_loop,
     towel_capture,
 )
-from unwrinkle.testing.traced_pair import perceive, seen_pair
+from unwrinkle.testing.table import GARMENT_CENTRE, TABLE
+from unwrinkle.testing.traced_pair import TracedPair, traced_pair
 
 _CENTRE = (0.0, -1.10)
 _RIDGE = Ridge((-0.02, -1.10), 1.25, 0.021, 0.0125, 0.30)
@@ -33,6 +38,23 @@ _TOWEL = Towel((_RIDGE,), _CENTRE, thickness=0.004)
 #: Single layers of these thicknesses, m, under this many seeds of noise: how often is a flat one
 #: pulled?
 _LAYERS, _SEEDS = (0.002, 0.004), 4
+
+
+def _seen(seed: int, shift: float = 0.0) -> TracedPair:
+    """Return the pictures of a towel that lies `shift` further along x, m."""
+    towel = Towel((Ridge((-0.05 + shift, -1.10), 1.3, 0.022, 0.016, 0.30),), (shift, -1.10))
+    return traced_pair(towel, texture_seed=seed, noise_seed=seed)
+
+
+def _perceive(left: HeadImage, right: HeadImage) -> Perceived:
+    """Return what the perception system makes of two pictures."""
+    head = nominal_calibration().stereo_head(cells.cell().limits.head)
+    system = StereoPerceptionSystem(cells.cell(), head)
+    context = system.CreateDefaultContext()
+    for name, image in (("left_image", left), ("right_image", right)):
+        system.GetInputPort(name).FixValue(context, Value(image))
+    found: Perceived = system.GetOutputPort("range_map").Eval(context)
+    return found
 
 
 def _nothing_moved(case: Case, run: LoopRun) -> None:
@@ -75,42 +97,44 @@ def drop_out(case: Case) -> None:
         (run.end.status, run.end.head.number),
     )
 
-    seen = seen_pair(case.seed)
-    left = HeadImage(1, seen.left, seen.gaze, 1.0)
+    seen = _seen(case.seed)
+    left = HeadImage(1, seen.pair.left, seen.gaze, 1.0)
     for right in (HeadImage(1, None, seen.gaze, 1.0, "it timed out"), HeadImage(0)):
-        found = perceive(left, right)
+        found = _perceive(left, right)
         case.expect(found.range_map is None, "one eye alone gives no map")
         case.reads(found.reason, "right camera" if right.number else "no look was taken")
 
 
 def out_of_step(case: Case) -> None:
     """V2."""
-    seen = seen_pair(case.seed)
-    good = perceive(
-        HeadImage(1, seen.left, seen.gaze, 1.0), HeadImage(1, seen.right, seen.gaze, 1.0)
+    seen = _seen(case.seed)
+    good = _perceive(
+        HeadImage(1, seen.pair.left, seen.gaze, 1.0), HeadImage(1, seen.pair.right, seen.gaze, 1.0)
     )
     case.need(good.range_map is not None, "the pair as it was taken gives a map", good.reason)
 
-    swapped = perceive(
-        HeadImage(1, seen.right, seen.gaze, 1.0), HeadImage(1, seen.left, seen.gaze, 1.0)
+    swapped = _perceive(
+        HeadImage(1, seen.pair.right, seen.gaze, 1.0), HeadImage(1, seen.pair.left, seen.gaze, 1.0)
     )
     case.expect(swapped.range_map is None, "swapped eyes give no map")
     case.reads(swapped.reason, "swapped")
 
-    numbers = perceive(
-        HeadImage(2, seen.left, seen.gaze, 1.0), HeadImage(1, seen.right, seen.gaze, 1.0)
+    numbers = _perceive(
+        HeadImage(2, seen.pair.left, seen.gaze, 1.0), HeadImage(1, seen.pair.right, seen.gaze, 1.0)
     )
     case.expect(numbers.range_map is None, "answers to different looks give no map")
     case.reads(numbers.reason, "different looks")
 
-    stamps = perceive(
-        HeadImage(1, seen.left, seen.gaze, 1.0), HeadImage(1, seen.right, seen.gaze, 31.0)
+    stamps = _perceive(
+        HeadImage(1, seen.pair.left, seen.gaze, 1.0), HeadImage(1, seen.pair.right, seen.gaze, 31.0)
     )
     case.expect(stamps.range_map is None, "pictures taken 30 s apart give no map", "a map")
     case.reads(stamps.reason, " s apart")
 
     turned = dc.replace(seen.gaze, right_pan=seen.gaze.right_pan + 0.006)
-    gazes = perceive(HeadImage(1, seen.left, seen.gaze, 1.0), HeadImage(1, seen.right, turned, 1.0))
+    gazes = _perceive(
+        HeadImage(1, seen.pair.left, seen.gaze, 1.0), HeadImage(1, seen.pair.right, turned, 1.0)
+    )
     case.expect(
         gazes.range_map is None,
         "eyes that report different angles for one look give no map",
@@ -119,9 +143,9 @@ def out_of_step(case: Case) -> None:
 
     case.reads(gazes.reason)
 
-    moved = seen_pair(case.seed, 0.03)
-    shifted = perceive(
-        HeadImage(1, seen.left, seen.gaze, 1.0), HeadImage(1, moved.right, seen.gaze, 1.0)
+    moved = _seen(case.seed, 0.03)
+    shifted = _perceive(
+        HeadImage(1, seen.pair.left, seen.gaze, 1.0), HeadImage(1, moved.pair.right, seen.gaze, 1.0)
     )
     if shifted.range_map is not None:
         # The table agrees; the cloth has moved between the exposures, and its heights are wrong.

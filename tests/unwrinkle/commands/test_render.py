@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.harness.data import TABLE
 from unwrinkle import cli
 from unwrinkle.commands.render import truth_of
 from unwrinkle.perception.range_map import RangeMap
@@ -15,6 +14,7 @@ from unwrinkle.perception.stereo.head_file import load_head_angles
 from unwrinkle.perception.stereo.pair import load_pair
 from unwrinkle.perception.stereo.range_mapping import range_map_from_pair
 from unwrinkle.simulation.rendering.synthetic_towel import wrinkled_towel
+from unwrinkle.testing.table import TABLE
 
 
 def _main(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
