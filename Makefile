@@ -21,7 +21,7 @@ flatten: $(VENV)/ready
 
 test: lint type
 	status=0; \
-	$(BIN)/pytest -m alone || status=1; \
+	$(BIN)/pytest -m "alone and not long" || status=1; \
 	$(BIN)/pytest -m "not alone" --numprocesses 2 --dist loadfile || status=1; \
 	exit $$status
 

@@ -1,8 +1,7 @@
 """Means and shares of small samples, with intervals."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import binomtest, bootstrap
@@ -12,8 +11,21 @@ CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
+class MedianWorst:
+    """Median and greatest value of a sample."""
+
+    median: float
+    worst: float
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> "MedianWorst":
+        """Of a sample that is not empty."""
+        return cls(float(np.median(values)), float(np.max(values)))
+
+
+@dataclass(frozen=True)
 class Spread:
-    """Of a sample.
+    """Mean of a sample, with its interval.
 
     Attributes:
         count: of values.
@@ -28,13 +40,9 @@ class Spread:
     low: float
     high: float
 
-    def to_json(self) -> dict[str, Any]:
-        """Its values by name."""
-        return asdict(self)
-
 
 def mean_interval(values: Sequence[float]) -> Spread | None:
-    """Spread of a sample; None for an empty one."""
+    """Return the spread of a sample; None for an empty one."""
     sample = np.asarray(values, dtype=float)
     if sample.size == 0:
         return None
@@ -55,7 +63,7 @@ def mean_interval(values: Sequence[float]) -> Spread | None:
 
 
 def wilson(hits: int, count: int) -> tuple[float, float]:
-    """Wilson's 95 % interval of a share, (0, 1) for no trial."""
+    """Return Wilson's 95 % interval of a share, (0, 1) for no trial."""
     if count == 0:
         return 0.0, 1.0
     interval = binomtest(hits, count).proportion_ci(CONFIDENCE, method="wilson")

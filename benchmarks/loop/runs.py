@@ -3,7 +3,6 @@ goes on.
 """
 
 import hashlib
-import importlib.util
 import json
 import subprocess
 import sys
@@ -14,28 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.harness.digest import source_digest
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.archive import load_archive
-from unwrinkle.models.io.loader_yaml import models_dir
 from unwrinkle.planning.plan import FlatteningPlan
 
 _RECORD = "bench.json"
-_FOLDERS = (
-    "unwrinkle",
-    *(
-        f"unwrinkle.{name}"
-        for name in (
-            "benchmarks",
-            "flattening",
-            "hardware",
-            "models",
-            "perception",
-            "planning",
-            "simulation",
-            "systems",
-        )
-    ),
-)
 _ENDED = (0, 3)  # exit codes of a run that came to its own end
 
 
@@ -132,23 +115,6 @@ def flatten(root: Path, name: str, options: tuple[str, ...]) -> Run:
     ]
     run = json.loads((folder / "run.json").read_text(encoding="utf-8"))
     return Run(name, options, folder, record["wall"], record["exit_code"], run, actions)
-
-
-def source_digest() -> str:
-    """SHA-256 over every source and model file of the package.
-
-    Results of other code do not count.
-    """
-    roots = {models_dir()}
-    for name in _FOLDERS:
-        spec = importlib.util.find_spec(name)
-        roots.update(Path(path) for path in (spec and spec.submodule_search_locations) or ())
-    digest = hashlib.sha256()
-    for root in sorted(roots):
-        for path in sorted([*root.rglob("*.py"), *root.rglob("*.yaml"), *root.rglob("*.urdf")]):
-            digest.update(path.name.encode())
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
 
 
 def _remove_part_of(folder: Path) -> None:

@@ -4,7 +4,7 @@ random step.
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -118,7 +118,7 @@ KINDS = (
 
 @dataclass
 class Cycle:
-    """What became of one cycle.
+    """One cycle, filled in while it is played.
 
     Attributes:
         cycle: its number.
@@ -148,10 +148,6 @@ class Cycle:
     moved: float = 0.0
     recovered: bool | None = None
     seconds: float = 0.0
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values."""
-        return asdict(self)
 
 
 def play(folder: Path, seed: int, cycle: int) -> Cycle:

@@ -1,4 +1,4 @@
-"""The rows of the driver see a driver that breaks its promises."""
+"""The faults of the driver see a driver that breaks its promises."""
 
 from pathlib import Path
 from typing import Any
@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.robustness import page
-from tests.robustness.rig.fault import RowResult
+from tests.robustness import catalogue
+from tests.robustness.rig.fault import FaultResult
 from unwrinkle.hardware.controller.driver import ControllerDriver
 from unwrinkle.hardware.controller.monitor import Monitor
 from unwrinkle.hardware.run_log.writer import RunLog
@@ -18,8 +18,8 @@ from unwrinkle.hardware.streaming.stream import PointStream
 pytestmark = pytest.mark.alone
 
 
-def played(name: str, tmp_path: Path) -> RowResult:
-    result = page.row(name).run(tmp_path)
+def played(name: str, tmp_path: Path) -> FaultResult:
+    result = catalogue.fault(name).run(tmp_path)
     assert not result.survived
     return result
 

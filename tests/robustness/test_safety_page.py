@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.robustness import page as faults
+from tests.robustness import catalogue
 from unwrinkle.models.site import ControllerSite
 
 pytestmark = pytest.mark.alone
@@ -31,7 +31,7 @@ def test_the_promises_each_name_what_holds_them(page: str) -> None:
 
 
 def test_rows_and_tests_that_it_names_exist(page: str, repository: Path) -> None:
-    known = {row.id for row in faults.rows()}
+    known = set(catalogue.ids())
     named = set(re.findall(r"\b([NSCPVGHF]\d)\b", page))
     assert named and named <= known
     for file, _, name in (

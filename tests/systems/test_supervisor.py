@@ -328,7 +328,7 @@ def test_actions_that_change_nothing_escalate_and_end() -> None:
 
 
 def test_action_limit() -> None:
-    sights = tuple(((0.1, 12.0 - k, 0.02, 0.01),) for k in range(5))
+    sights = tuple((SeenWrinkle(0.1, 12.0 - k, 0.02, 0.01),) for k in range(5))
     end = Run(Script(sights), actions=3).until()
     assert end.status == "stopped" and end.policy_state.actions == 3
     assert "not flat after 3 actions" in end.reason

@@ -1,4 +1,4 @@
-"""Fault rows N4 and N5: bytes that come in pieces, and bytes that are no messages."""
+"""Faults N4 and N5: bytes that come in pieces, and bytes that are no messages."""
 
 import socket
 from collections.abc import Callable
@@ -8,7 +8,7 @@ import numpy as np
 from tests.robustness.faults import frames
 from tests.robustness.rig import checks
 from tests.robustness.rig.driver_rig import WAY, Rig, swing
-from tests.robustness.rig.fault import Case, Row
+from tests.robustness.rig.fault import Case, Fault
 from unwrinkle.simulation.controllers.server import ServerFault
 from unwrinkle.simulation.devices.serial_pan_tilt import VirtualSerialPanTilt
 
@@ -19,7 +19,7 @@ STREAMS, SERVER_STREAMS = 10000, 100
 
 
 def partial(case: Case) -> None:
-    """N4."""
+    """N4: partial frames."""
     frames.split_frames(case)
     traces = []
     for faults in ((), (ServerFault("split"),)):
@@ -38,7 +38,7 @@ def partial(case: Case) -> None:
 
 
 def garbage(case: Case) -> None:
-    """N5."""
+    """N5: garbage frames."""
     frames.spoilt_frames(case)
     frames.random_streams(case, STREAMS)
     _noise_to_server(case)
@@ -101,15 +101,15 @@ def _noise_to_unit(case: Case) -> None:
     case.expect(longest < 1 << 16, "its answers are bounded", longest)
 
 
-ROWS = (
-    Row(
+FAULTS = (
+    Fault(
         "N4",
         "partial frames",
         "all splits in two, random splits, and a run in single bytes",
         "framer reassembles; identical result",
         partial,
     ),
-    Row(
+    Fault(
         "N5",
         "garbage frames",
         "random bytes, wrong and huge lengths, wrong types and sequences, on both connections; "

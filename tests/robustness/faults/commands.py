@@ -1,4 +1,4 @@
-"""Fault rows C2, P4 and V6, through the command line.
+"""Faults C2, P4 and V6, through the command line.
 
 What an operator starts, reads and is stopped from.
 """
@@ -13,7 +13,7 @@ import yaml
 
 from tests.robustness.faults import planning
 from tests.robustness.rig.driver_rig import swing
-from tests.robustness.rig.fault import Case, Row
+from tests.robustness.rig.fault import Case, Fault
 from tests.robustness.rig.live import Execution, LiveController
 from unwrinkle.hardware.controller.driver import ControllerDriver
 from unwrinkle.hardware.controller.thread import DriverThread
@@ -32,7 +32,7 @@ def _folder(case: Case, name: str) -> Path:
 
 
 def signalled(case: Case) -> None:
-    """C2."""
+    """C2: SIGINT, SIGTERM, an exception in a callback."""
     rng = case.rng
     for number in (signal.SIGINT, signal.SIGTERM):
         name = signal.Signals(number).name
@@ -103,7 +103,7 @@ def _broken_callback(case: Case) -> None:
 
 
 def bad_posture(case: Case) -> None:
-    """P4."""
+    """P4: start in collision or out of limits."""
     planning.bad_start(case)
     limits = cells.cell().limits
     outside = cells.home()
@@ -130,7 +130,7 @@ def bad_posture(case: Case) -> None:
 
 
 def calibrations(case: Case) -> None:
-    """V6."""
+    """V6: calibration missing, stale, of large residual."""
     shipped = yaml.safe_load((models_dir() / "heads" / "clopema.yaml").read_text(encoding="utf-8"))
     today = datetime.date.today()
 
@@ -170,8 +170,8 @@ def calibrations(case: Case) -> None:
         case.expect(live.motion_messages() == 0, "nothing was sent", live.motion_messages())
 
 
-ROWS = (
-    Row(
+FAULTS = (
+    Fault(
         "C2",
         "SIGINT, SIGTERM, an exception in a callback",
         "signals to `unwrinkle execute` at a random point of the motion; "
@@ -179,14 +179,14 @@ ROWS = (
         "hold, disconnect, non-zero exit, log intact",
         signalled,
     ),
-    Row(
+    Fault(
         "P4",
         "start in collision or out of limits",
         "planner, verification and `unwrinkle execute` from such postures",
         "refuse, suggest escape move, never auto-move",
         bad_posture,
     ),
-    Row(
+    Fault(
         "V6",
         "calibration missing, stale, of large residual",
         "calibration files of a site that is not virtual, and of one that is",

@@ -1,4 +1,4 @@
-"""Fault rows S1 to S5: feedback that is old, off, late, jumps or is no number."""
+"""Faults S1 to S5: feedback that is old, off, late, jumps or is no number."""
 
 from collections.abc import Callable
 from typing import Any
@@ -7,7 +7,7 @@ import numpy as np
 
 from tests.robustness.rig import checks
 from tests.robustness.rig.driver_rig import Rig
-from tests.robustness.rig.fault import Case, Row
+from tests.robustness.rig.fault import Case, Fault
 from unwrinkle.hardware import controller_state
 from unwrinkle.simulation.controllers.server import ServerFault
 
@@ -18,7 +18,12 @@ AXIS, AXIS_NAME = 8, "r2_l"
 
 
 def _stops(
-    case: Case, fault: ServerFault, *words: str, near: float = checks.NEAR_PATH, **options: Any
+    case: Case,
+    fault: ServerFault,
+    *words: str,
+    near: float = checks.NEAR_PATH,
+    braking: bool = False,
+    **options: Any,
 ) -> Callable[[], None]:
     """An injection during the standard motion that has to end in a fault, the arms at rest."""
 
@@ -28,18 +33,18 @@ def _stops(
             checks.under_way(case, rig, 0.2)
             checks.faulted(case, rig, *words)
             # "No chase": what is commanded stays on the path, whatever the feedback says.
-            checks.stopped(case, rig, near=near)
+            checks.stopped(case, rig, near=near, braking=braking)
 
     return play
 
 
 def frozen(case: Case) -> None:
-    """S1."""
+    """S1: stale feedback with fresh stamps."""
     _stops(case, ServerFault("freeze", points=POINTS), "off its path", "rad")()
 
 
 def following(case: Case) -> None:
-    """S2."""
+    """S2: following error of one joint."""
     checks.each(
         case,
         {
@@ -55,7 +60,7 @@ def following(case: Case) -> None:
 
 
 def latency(case: Case) -> None:
-    """S3."""
+    """S3: latency steps from 10 to 80 ms."""
 
     def runs() -> None:
         # 10 ms from the beginning, 80 ms from the midst of the motion on.
@@ -80,7 +85,7 @@ def latency(case: Case) -> None:
 
 
 def jumps(case: Case) -> None:
-    """S4."""
+    """S4: encoder jump, wrap."""
     checks.each(
         case,
         {
@@ -96,7 +101,7 @@ def jumps(case: Case) -> None:
 
 
 def no_number(case: Case) -> None:
-    """S5."""
+    """S5: feedback NaN, wrong units."""
 
     def at_connect(kind: str, *words: str) -> Callable[[], None]:
         def play() -> None:
@@ -126,40 +131,47 @@ def no_number(case: Case) -> None:
                 case, ServerFault("nan", points=POINTS, axis=AXIS), AXIS_NAME, "not a finite number"
             ),
             "degrees under way": _stops(case, ServerFault("degrees", points=POINTS)),
+            "two groups under way": _stops(
+                case,
+                ServerFault("groups", points=POINTS),
+                "groups",
+                near=checks.ON_PATH,
+                braking=True,
+            ),
         },
     )
 
 
-ROWS = (
-    Row(
+FAULTS = (
+    Fault(
         "S1",
         "stale feedback with fresh stamps",
         f"positions frozen after {POINTS} points, stamps going on",
         "following-error fault",
         frozen,
     ),
-    Row(
+    Fault(
         "S2",
         "following error of one joint",
         "feedback of the left arm's second axis drifts off at 0.3 rad/s",
         "coordinated stop; message has joint and bound",
         following,
     ),
-    Row(
+    Fault(
         "S3",
         "latency steps from 10 to 80 ms",
         "a delay line of 10, then 60 ms, and one of 220 ms, beside 10 ms of the axes themselves",
         "no false fault below the declared latency; fault above",
         latency,
     ),
-    Row(
+    Fault(
         "S4",
         "encoder jump, wrap",
         "0.2 rad and a turn added at once",
         "fault, no chase",
         jumps,
     ),
-    Row(
+    Fault(
         "S5",
         "feedback NaN, wrong units",
         "NaN and degrees at the connection and under way",

@@ -1,4 +1,4 @@
-"""Fault rows F1 to F8: what the controller's own firmware does that nobody would expect of it.
+"""Faults F1 to F8: what the controller's own firmware does that nobody would expect of it.
 
 Its source is public (ros-industrial/motoman, CloPeMa/motoman); the virtual controller behaves as it
 does.
@@ -17,7 +17,7 @@ import numpy as np
 
 from tests.robustness.rig import checks
 from tests.robustness.rig.driver_rig import WAY, Rig, swing
-from tests.robustness.rig.fault import Case, Row
+from tests.robustness.rig.fault import Case, Fault
 from tests.robustness.rig.increments import run_increments
 from tests.robustness.rig.live import Execution, LiveController
 from unwrinkle.hardware import controller_state
@@ -46,7 +46,7 @@ PATH_ERROR = 0.7e-3
 
 
 def queue_left(case: Case) -> None:
-    """F1."""
+    """F1: motion left in the controller's queues."""
     checks.each(
         case,
         {
@@ -228,37 +228,37 @@ def _site_check(folder: Path, live: LiveController) -> tuple[int, str]:
 
 
 def truncated(case: Case) -> None:
-    """F2."""
+    """F2: times cut to whole milliseconds."""
     for profile in ("groups", "ex"):
         for period in (0.004, 0.008):
             found = run_increments(case.folder, profile, period)
             case.increments.append(found)
             label = f"{profile}, {1e3 * period:g} ms"
             case.expect(
-                found["completed"] and found["underruns"] == 0,
+                found.completed and found.underruns == 0,
                 "a plan at full speed runs to its end, the queues never run out",
                 label,
             )
-            worst = max(found[name] for name in ("velocity", "acceleration", "jerk"))
+            worst = max(found.velocity, found.acceleration, found.jerk)
             case.expect(
                 worst <= 1.0,
                 "velocity, acceleration and jerk of the increments are within the plan's limits",
                 f"{label}: {worst:.4f}",
             )
             case.expect(
-                found["path_error"] <= PATH_ERROR,
+                found.path_error <= PATH_ERROR,
                 f"the path is kept within {1e3 * PATH_ERROR:g} mrad",
-                f"{label}: {found['path_error']:.2g}",
+                f"{label}: {found.path_error:.2g}",
             )
             case.expect(
-                not found["audit"],
+                not found.audit,
                 "every point is sent as a whole millisecond, one message at a time",
-                found["audit"],
+                found.audit,
             )
 
 
 def delayed(case: Case) -> None:
-    """F3."""
+    """F3: delay between command and feedback."""
     for delay in (0.15, 0.25):
         for speed in (0.2, 1.0):
             settings = VirtualControllerSettings(delay=delay)
@@ -287,7 +287,7 @@ def delayed(case: Case) -> None:
 
 
 def governed(case: Case) -> None:
-    """F4."""
+    """F4: speed governor."""
     settings = VirtualControllerSettings(speed_cap=0.4)
     with Rig(case.folder, site={"speed_cap": 0.4}, settings=settings, name="known") as rig:
         case.need(rig.connect(), "the driver gets ready", rig.status.reason)
@@ -313,7 +313,7 @@ def governed(case: Case) -> None:
 
 
 def still_group(case: Case) -> None:
-    """F5."""
+    """F5: a group that the firmware does not move."""
     moved = ("r1", "r2")
     settings = VirtualControllerSettings(moved=moved)
     with Rig(
@@ -339,7 +339,7 @@ def still_group(case: Case) -> None:
 
 
 def off_the_start(case: Case) -> None:
-    """F6."""
+    """F6: start off by less than a milliradian."""
     off = np.zeros(13)
     off[1] = 0.5e-3
     for name, site, words in (
@@ -362,7 +362,7 @@ def off_the_start(case: Case) -> None:
 
 
 def without_io(case: Case) -> None:
-    """F7."""
+    """F7: a controller of 2013, without an I/O port."""
     settings = VirtualControllerSettings(firmware="2013", accepts="groups", period=0.008)
     with Rig(case.folder, settings=settings, needs_io=False, name="old") as rig:
         rig.server.stop_listening("io")
@@ -387,7 +387,7 @@ def without_io(case: Case) -> None:
 
 
 def pieces(case: Case) -> None:
-    """F8."""
+    """F8: messages put together or cut on their way."""
     for firmware in ("1.9.12", "2013"):
         settings = VirtualControllerSettings(firmware=firmware, accepts="groups")
 
@@ -433,8 +433,8 @@ def _site(live: LiveController) -> Any:
     return site
 
 
-ROWS = (
-    Row(
+FAULTS = (
+    Fault(
         "F1",
         "motion left in the controller's queues",
         f"the motion connection dead at {DEATHS} moments, the host dead, a driver that gives up, "
@@ -443,49 +443,49 @@ ROWS = (
         "a confirmed stop empties the queues",
         queue_left,
     ),
-    Row(
+    Fault(
         "F2",
         "times cut to whole milliseconds",
         "a full-speed plan, clocks of 4 and 8 ms, both profiles",
         "increments within the plan's limits and on its path; the queues never run out",
         truncated,
     ),
-    Row(
+    Fault(
         "F3",
         "delay between command and feedback",
         "150 and 250 ms at 0.2 and 1.0 of the speed; 400 ms",
         "runs to the end, the lag told within 10 ms; beyond the latency a fault that names the lag",
         delayed,
     ),
-    Row(
+    Fault(
         "F4",
         "speed governor",
         "points above 0.4 of an axis' speed are refused",
         "refused before the motion where the site says so; else a stop in motion",
         governed,
     ),
-    Row(
+    Fault(
         "F5",
         "a group that the firmware does not move",
         "points of the turn-table are taken, and never run",
         "refused before the motion where the site says so; else off its path, stopped",
         still_group,
     ),
-    Row(
+    Fault(
         "F6",
         "start off by less than a milliradian",
         "0.5 mrad on S, with our tolerance and with the controller's; 0.25 mrad",
         "refused with axis and distance, nothing moves; within 30 pulses it runs",
         off_the_start,
     ),
-    Row(
+    Fault(
         "F7",
         "a controller of 2013, without an I/O port",
         "nobody listens on the I/O port; one message a read, 8 ms",
         "runs where no gripper needs it; else named",
         without_io,
     ),
-    Row(
+    Fault(
         "F8",
         "messages put together or cut on their way",
         "a peer that reads 4 ms late, and one that reads in pieces; firmware of 1.9.12 and 2013",

@@ -1,4 +1,4 @@
-"""Fault rows N4 and N5, the part of the framer: split, spoilt and random bytes."""
+"""Faults N4 and N5, the part of the framer: split, spoilt and random bytes."""
 
 import struct
 import tracemalloc

@@ -1,10 +1,10 @@
-"""Fault rows G1 and G2: grippers that close on nothing, lose the cloth, or do not hear."""
+"""Faults G1 and G2: grippers that close on nothing, lose the cloth, or do not hear."""
 
 import dataclasses as dc
 
 import numpy as np
 
-from tests.robustness.rig.fault import Case, Row
+from tests.robustness.rig.fault import Case, Fault
 from tests.robustness.rig.live import Execution, LiveController
 from unwrinkle.flattening.state import RunStatus
 from unwrinkle.hardware.run_log.reader import read_run_log
@@ -33,7 +33,7 @@ def _looks(flat_from: int) -> Script:
 
 
 def _loses_cloth(case: Case) -> None:
-    """G1, in the loop."""
+    """G1: a gripper does not close, or loses the cloth, in the loop."""
     attempts = LoopSettings().grasp_attempts
     script = _looks(3)
     script.no_close[1] = (True, False)
@@ -67,7 +67,7 @@ def _loses_cloth(case: Case) -> None:
 
 
 def _not_heard(case: Case) -> None:
-    """G2, in the loop."""
+    """G2: a gripper's command is lost, in the loop."""
     script = _looks(99)
     script.deaf = frozenset(range(1, 9))
     run = run_loop(script)
@@ -109,27 +109,27 @@ def _executed(case: Case, name: str, *faults: ServerFault, holding: bool = True)
 
 
 def loses_cloth(case: Case) -> None:
-    """G1."""
+    """G1: a gripper does not close, or loses the cloth."""
     _loses_cloth(case)
     case.reads(_executed(case, "closed on nothing", holding=False), "gripper closed without cloth")
     case.reads(_executed(case, "never closed", ServerFault("no_close")), "gripper")
 
 
 def not_heard(case: Case) -> None:
-    """G2."""
+    """G2: a gripper's command is lost."""
     _not_heard(case)
     case.reads(_executed(case, "outputs lost", ServerFault("lost_outputs")), "gripper")
 
 
-ROWS = (
-    Row(
+FAULTS = (
+    Fault(
         "G1",
         "a gripper does not close, or loses the cloth",
         "no cloth reported at a closing, at every closing, and from half the pull on",
         "action marked failed, cloth state re-sensed, bounded retries",
         loses_cloth,
     ),
-    Row(
+    Fault(
         "G2",
         "a gripper's command is lost",
         "commands dropped in the whole loop, and on the wire",

@@ -1,4 +1,4 @@
-"""Fault rows C1, C3, C4, P7, H1 and H2.
+"""Faults C1, C3, C4, P7, H1 and H2.
 
 The host, its disk, a second owner, the operator's hands.
 """
@@ -13,7 +13,7 @@ import numpy as np
 
 from tests.robustness.rig import checks
 from tests.robustness.rig.driver_rig import STEP, Disk, Rig
-from tests.robustness.rig.fault import Case, Row
+from tests.robustness.rig.fault import Case, Fault
 from unwrinkle.hardware import controller_state
 from unwrinkle.hardware.run_log.reader import read_run_log
 from unwrinkle.models.errors import HardwareError
@@ -38,7 +38,7 @@ driver.close()
 
 
 def late_loop(case: Case) -> None:
-    """C1."""
+    """C1: host clock jump, pauses, overrun."""
 
     def asleep(duration: float) -> Callable[[], None]:
         def play() -> None:
@@ -111,7 +111,7 @@ def late_loop(case: Case) -> None:
 
 
 def full_disk(case: Case) -> None:
-    """C3."""
+    """C3: disk full."""
     full = os.strerror(errno.ENOSPC)
     with Rig(case.folder, disk=Disk(full=True), name="start") as rig:
         rig.connect()
@@ -128,6 +128,14 @@ def full_disk(case: Case) -> None:
         rig.disk.full = True
         checks.faulted(case, rig, "log", full)
         checks.stopped(case, rig, braking=True, log=False)
+        rig.driver.reset()
+        rig.step(10)
+        case.expect(
+            rig.state == controller_state.FAULT,
+            "no reset clears it while the disk is full",
+            rig.state,
+        )
+        case.reads(rig.status.reason, "not reset")
     records = read_run_log(rig.log_path)
     case.expect(
         not records.cut and len(records.commanded.times) > 0, "what was written until then is whole"
@@ -147,7 +155,7 @@ def _owner(case: Case, ports: list[str]) -> "subprocess.Popen[str]":
 
 
 def second_owner(case: Case) -> None:
-    """C4."""
+    """C4: two executors for one robot."""
     with Rig(case.folder, name="owner") as rig:
         ports = [str(port) for port in rig.server.ports]
         first = _owner(case, ports)
@@ -184,7 +192,7 @@ def second_owner(case: Case) -> None:
 
 
 def overridden(case: Case) -> None:
-    """P7."""
+    """P7: speed override changed in motion."""
     with Rig(case.folder, name="override") as rig:
         case.need(rig.connect(), "the driver gets ready", rig.status.reason)
         rig.driver.set_override(0.1)
@@ -216,7 +224,7 @@ def _off_path(rig: Rig) -> list[float]:
 
 
 def pressed(case: Case) -> None:
-    """H1."""
+    """H1: e-stop pressed and released in motion."""
     with Rig(
         case.folder, ServerFault("e_stop_released", points=POINTS, value=0.5), name="e_stop"
     ) as rig:
@@ -247,7 +255,7 @@ def pressed(case: Case) -> None:
 
 
 def switched(case: Case) -> None:
-    """H2."""
+    """H2: teach mode, remote off, idle and moving."""
 
     def idle(kind: str, *words: str) -> Callable[[], None]:
         def play() -> None:
@@ -283,52 +291,55 @@ def switched(case: Case) -> None:
         {
             "teach, idle": idle("teach", "teach"),
             "remote off, idle": idle("remote_off", "remote"),
+            "e-stop, idle": idle("e_stop", "emergency stop"),
+            "alarm, idle": idle("alarm", "alarm"),
             "teach, moving": moving("teach", "teach"),
-            "remote off, moving": moving("remote_off"),
+            "remote off, moving": moving("remote_off", "remote"),
+            "e-stop, moving": moving("e_stop", "emergency stop"),
             "servos off, moving": moving("servo_off", "servo"),
             "alarm, moving": moving("alarm", "alarm"),
-            "hold on the pendant, moving": moving("hold"),
+            "hold on the pendant, moving": moving("hold", "hold"),
         },
     )
 
 
-ROWS = (
-    Row(
+FAULTS = (
+    Fault(
         "C1",
         "host clock jump, pauses, overrun",
         "polls missing for 60 ms to 2 s, and a clock that jumps by 5 s",
         "no command burst; path time scaled or fault",
         late_loop,
     ),
-    Row(
+    Fault(
         "C3",
         "disk full",
         "writes to the run log that fail from the start, and under way",
         "motion refused at start, or safe end while running",
         full_disk,
     ),
-    Row(
+    Fault(
         "C4",
         "two executors for one robot",
         "a second process, and one that was killed",
         "lock refuses, names the owner",
         second_owner,
     ),
-    Row(
+    Fault(
         "P7",
         "speed override changed in motion",
         "10 to 100 to 30 to 100 %, and 150 %, -10 %, NaN",
         "jerk bound kept",
         overridden,
     ),
-    Row(
+    Fault(
         "H1",
         "e-stop pressed and released in motion",
         "scripted status; the servos brake, the queues are empty",
         "latched; reset and new plan required; no jump (command = measured)",
         pressed,
     ),
-    Row(
+    Fault(
         "H2",
         "teach mode, remote off, idle and moving",
         "scripted status, and servos off, an alarm, the pendant's hold besides",

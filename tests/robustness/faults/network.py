@@ -1,4 +1,4 @@
-"""Fault rows N1 to N3 and N6 to N9: connections, their replies and their pace."""
+"""Faults N1 to N3 and N6 to N9: connections, their replies and their pace."""
 
 import socket
 import time
@@ -8,7 +8,7 @@ import numpy as np
 
 from tests.robustness.rig import checks
 from tests.robustness.rig.driver_rig import Rig
-from tests.robustness.rig.fault import Case, Row
+from tests.robustness.rig.fault import Case, Fault
 from unwrinkle.hardware import controller_state
 from unwrinkle.hardware.motoros.messages import MessageType, Subcode
 from unwrinkle.models.errors import HardwareError
@@ -20,7 +20,7 @@ POINTS = 45
 
 
 def refused(case: Case) -> None:
-    """N1."""
+    """N1: connection refused, wrong port."""
     with Rig(case.folder) as rig:
         state = rig.site.state_port
         rig.server.close()  # nobody listens any more
@@ -62,7 +62,7 @@ def _deaf_port() -> int:
 
 
 def closed(case: Case) -> None:
-    """N2."""
+    """N2: TCP closed mid-trajectory."""
 
     def close(kind: str, near: float, braking: bool = False) -> Callable[[], None]:
         def play() -> None:
@@ -85,7 +85,7 @@ def closed(case: Case) -> None:
 
 
 def half_open(case: Case) -> None:
-    """N3."""
+    """N3: half-open link: the peer falls silent."""
 
     def silent(kind: str, near: float, braking: bool = False) -> Callable[[], None]:
         def play() -> None:
@@ -138,7 +138,7 @@ def half_open(case: Case) -> None:
 
 
 def reordered(case: Case) -> None:
-    """N6."""
+    """N6: duplicated, reordered, delayed feedback."""
 
     def run(*faults: ServerFault) -> Callable[[], None]:
         def play() -> None:
@@ -180,7 +180,7 @@ def reordered(case: Case) -> None:
 
 
 def replies(case: Case) -> None:
-    """N7."""
+    """N7: busy, not ready, start position mismatch."""
     with Rig(case.folder, ServerFault("busy", at=0.0, until=1.0), name="busy") as rig:
         case.need(rig.connect(), "the driver gets ready", rig.status.reason)
         number = rig.run()
@@ -214,12 +214,13 @@ def replies(case: Case) -> None:
 
 
 def handshake(case: Case) -> None:
-    """N8."""
+    """N8: another robot, joint count, profile."""
     start = np.full(13, 0.2)
     for name, fault, words in (
         ("two groups", ServerFault("groups"), ()),
         ("a joint too many", ServerFault("groups", value=0.3, axis=6), ()),
         ("degrees", ServerFault("degrees"), ("degrees",)),
+        ("no feedback", ServerFault("silent"), ("no feedback has come",)),
     ):
         with Rig(case.folder, fault, start=start, name=name) as rig:
             ready = rig.connect(most=4.0)
@@ -251,7 +252,7 @@ def handshake(case: Case) -> None:
 
 
 def slow(case: Case) -> None:
-    """N9."""
+    """N9: slow consumer, full send buffer."""
     faults = (ServerFault("tiny_buffers"), ServerFault("slow", value=700.0))
     with Rig(case.folder, *faults, name="slow") as rig:
         case.need(rig.connect(), "the driver gets ready", rig.status.reason)
@@ -280,50 +281,50 @@ def slow(case: Case) -> None:
     case.expect(bool(sent), "points had been sent before")
 
 
-ROWS = (
-    Row(
+FAULTS = (
+    Fault(
         "N1",
         "connection refused, wrong port",
         "no listener on any port, and on one of the three",
         "clear error naming host:port within the deadline, no motion state",
         refused,
     ),
-    Row(
+    Fault(
         "N2",
         "TCP closed mid-trajectory",
         f"the motion, the state, every connection closed after {POINTS} points",
         "both arms hold, fault latched, log complete",
         closed,
     ),
-    Row(
+    Fault(
         "N3",
         "half-open link: the peer falls silent",
         "no answers, no feedback, neither; the sockets stay",
         "hold at N periods, fault at M",
         half_open,
     ),
-    Row(
+    Fault(
         "N6",
         "duplicated, reordered, delayed feedback",
         "every set twice, swapped in pairs, 30 ms late",
         "newest by sequence wins; age computed from receive time",
         reordered,
     ),
-    Row(
+    Fault(
         "N7",
         "busy, not ready, start position mismatch",
         "scripted replies: busy for a while and for ever, four sub-codes of not ready, 3011",
         "busy retried with bound; others stop with the vendor's reason in plain words",
         replies,
     ),
-    Row(
+    Fault(
         "N8",
         "another robot, joint count, profile",
-        "feedback of two groups, of a seventh joint, in degrees; the other profile",
+        "feedback of two groups, of a seventh joint, in degrees, none; the other profile",
         "refuse before motion",
         handshake,
     ),
-    Row(
+    Fault(
         "N9",
         "slow consumer, full send buffer",
         "smallest socket buffers, and a peer that reads 700 and 40 bytes a poll",

@@ -1,4 +1,4 @@
-"""Fault rows P1 to P6: planning that fails, plans that changed, and cells that are no longer as
+"""Faults P1 to P6: planning that fails, plans that changed, and cells that are no longer as
 they were.
 """
 
@@ -6,7 +6,7 @@ import dataclasses as dc
 
 import numpy as np
 
-from tests.robustness.rig.fault import Case, Row
+from tests.robustness.rig.fault import Case, Fault
 from unwrinkle.flattening.state import RunStatus
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError, NoVerifiedPlanError
@@ -47,7 +47,7 @@ def _far_towel(case: Case, y: float) -> LoopRun:
 
 
 def infeasible(case: Case) -> None:
-    """P1."""
+    """P1: no inverse kinematics for one arm, for both."""
     run = _far_towel(case, -1.6)
     refusals = run.end.finished.refusals if run.end.finished is not None else ()
     case.expect(
@@ -75,7 +75,7 @@ def infeasible(case: Case) -> None:
 
 
 def nasty_paths(case: Case) -> None:
-    """P2."""
+    """P2: near-zero motion, repeated points, reversals."""
     limits = cells.cell().limits
     full = PathLimits(limits.velocity, limits.acceleration, limits.jerk)
     line = np.linspace(0.0, 0.5, 24)[:, None] * np.ones(13)
@@ -132,7 +132,7 @@ def nasty_paths(case: Case) -> None:
 
 
 def impossible_limits(case: Case) -> None:
-    """P3."""
+    """P3: impossible limits."""
     scenario = cells.with_jerk(case.folder, 0.0)
     try:
         load_cell(scenario)
@@ -199,7 +199,7 @@ def colliding(case: Case) -> Array:
 
 
 def edited_plan(case: Case) -> None:
-    """P5."""
+    """P5: plan edited after the preview."""
     plan = cells.plan()
     shown = plan.content_hash  # what the preview's page carries
     path = case.folder / "plan.npz"
@@ -247,7 +247,7 @@ def edited_plan(case: Case) -> None:
 
 
 def moved_table(case: Case) -> None:
-    """P6."""
+    """P6: scene changed since planning."""
     plan = cells.plan()
     here = load_cell(cells.with_table(case.folder, -1.18))
     try:
@@ -272,36 +272,36 @@ def moved_table(case: Case) -> None:
     )
 
 
-ROWS = (
-    Row(
+FAULTS = (
+    Fault(
         "P1",
         "no inverse kinematics for one arm, for both",
         "the table 0.4 m and 1.4 m farther away in the whole loop",
         "documented fallback single-arm, then skip, then stop; reason counted",
         infeasible,
     ),
-    Row(
+    Fault(
         "P2",
         "near-zero motion, repeated points, reversals",
         "eight nasty paths to the timing, and plans that start at their first pose",
         "retry ladder, then named error",
         nasty_paths,
     ),
-    Row(
+    Fault(
         "P3",
         "impossible limits",
         "jerk limits of 0 and of 1e-10 of the catalogue's in a limits file",
         "plan refused",
         impossible_limits,
     ),
-    Row(
+    Fault(
         "P5",
         "plan edited after the preview",
         "60 flipped bits, and an edit of 1 nrad that is saved with care",
         "hash mismatch, refuse",
         edited_plan,
     ),
-    Row(
+    Fault(
         "P6",
         "scene changed since planning",
         "the working table 2 cm nearer in the directives",

@@ -1,4 +1,4 @@
-"""Fault rows V1 to V5: cameras that fail, pictures that lie, and tables with nothing to do."""
+"""Faults V1 to V5: cameras that fail, pictures that lie, and tables with nothing to do."""
 
 import dataclasses as dc
 from collections.abc import Callable
@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 from pydrake.common.value import Value
 
-from tests.robustness.rig.fault import Case, Row
+from tests.robustness.rig.fault import Case, Fault
 from unwrinkle.flattening import policy
 from unwrinkle.flattening.messages import Perceived
 from unwrinkle.flattening.observation import Observation
@@ -63,7 +63,7 @@ def _nothing_moved(case: Case, run: LoopRun) -> None:
 
 
 def drop_out(case: Case) -> None:
-    """V1."""
+    """V1: camera drop-out, time-out, one of two cameras."""
     looks: list[int] = []
 
     def raising(number: int) -> Capture:
@@ -106,7 +106,7 @@ def drop_out(case: Case) -> None:
 
 
 def out_of_step(case: Case) -> None:
-    """V2."""
+    """V2: stereo pair out of sync or swapped."""
     seen = _seen(case.seed)
     good = _perceive(
         HeadImage(1, seen.pair.left, seen.gaze, 1.0), HeadImage(1, seen.pair.right, seen.gaze, 1.0)
@@ -155,7 +155,7 @@ def out_of_step(case: Case) -> None:
 
 
 def spoiled_depth(case: Case) -> None:
-    """V3."""
+    """V3: NaN, zero, saturated depth, holes."""
     rng = case.rng
     good = towel_capture(_TOWEL, seed=case.seed)
 
@@ -208,7 +208,7 @@ def _analysed(capture: Capture) -> Analysis:
 
 
 def nothing_to_grasp(case: Case) -> None:
-    """V4."""
+    """V4: empty table, full table, cloth off the edge."""
     cell = depth_cell()
     for name, towel, words in (
         ("empty table", dc.replace(_TOWEL, ridges=(), thickness=0.0), ("no garment",)),
@@ -278,7 +278,7 @@ def nothing_to_grasp(case: Case) -> None:
 
 
 def already_flat(case: Case) -> None:
-    """V5."""
+    """V5: already flat cloth."""
     pulled = 0
     for thickness in _LAYERS:
         for seed in range(case.seed, case.seed + _SEEDS):
@@ -296,36 +296,36 @@ def already_flat(case: Case) -> None:
     case.reads(run.end.reason, "flat")
 
 
-ROWS = (
-    Row(
+FAULTS = (
+    Fault(
         "V1",
         "camera drop-out, time-out, one of two cameras",
         "a camera that raises, never answers, fails once; one eye without a picture",
         "retry bounded, then 'no view' with robot parked",
         drop_out,
     ),
-    Row(
+    Fault(
         "V2",
         "stereo pair out of sync or swapped",
         "eyes swapped, of different looks, 30 s apart, at other angles, cloth moved in between",
         "rejected by epipolar or stamp check",
         out_of_step,
     ),
-    Row(
+    Fault(
         "V3",
         "NaN, zero, saturated depth, holes",
         "nine spoiled depth images in the whole loop",
         "masked; below a valid-pixel quota -> 'insufficient view', no action",
         spoiled_depth,
     ),
-    Row(
+    Fault(
         "V4",
         "empty table, full table, cloth off the edge",
         "synthetic tables, masks and hanging garments",
         "'no garment' / 'garment outside workspace'; never a grasp point",
         nothing_to_grasp,
     ),
-    Row(
+    Fault(
         "V5",
         "already flat cloth",
         "8 flat towels with the sensor's noise",

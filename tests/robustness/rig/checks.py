@@ -88,6 +88,8 @@ def stopped(
         after = rig.points_after(when + grace)
         case.expect(after == 0, "no point is sent after it", after)
     case.violations(rig.violations())
+    unfit = list(rig.controller.audit.findings)
+    case.expect(not unfit, "the controller was sent nothing that it should not be", unfit[:3])
     if log:
         whole_log(case, rig)
 

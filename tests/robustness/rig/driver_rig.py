@@ -1,4 +1,4 @@
-"""The rig of the driver's fault rows: virtual controller, its server, the driver and a run log, in
+"""The rig of the driver's faults: virtual controller, its server, the driver and a run log, in
 lockstep on a fake clock.
 
 Bytes go over real sockets of the loopback interface. Before either side is polled, everything that

@@ -1,15 +1,15 @@
-"""Rows of the fault suite: what is injected, what must follow, and a case that can fail."""
+"""A fault: what is injected, what must follow, and a case that can fail."""
 
-import dataclasses as dc
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-#: What a row says where it did not come to a judgement.
+from tests.robustness.rig.increments import Increments
+
+#: What a result says where nothing was judged.
 MISSING = "not there yet"
 
 
@@ -18,36 +18,34 @@ class Different(Exception):
 
 
 @dataclass(frozen=True)
-class RowResult:
+class FaultResult:
     """How one fault ended.
 
     Attributes:
-        id: of the row, as the field's catalogue counts: N, S, C, P, V, G or H and a number.
+        id: as the field's catalogue counts: N, S, C, P, V, G, H or F and a number.
         fault: in a few words.
         injected: how it was injected.
+        must: what must happen, in the catalogue's words.
         outcome: the promises that were looked at and held; where one did not, what differed.
         survived: every promise held.
         message: what the user reads.
         limit_violations: samples that were sent beyond a limit.
         moved: greatest angle that an axis moved before it was commanded to, rad.
-        increments: what the controller ran of plans, see `run_increments`.
-        seconds: that the row took, wall clock.
+        increments: what the controller ran of plans.
+        seconds: wall clock.
     """
 
     id: str
     fault: str
     injected: str
+    must: str
     outcome: str
     survived: bool
     message: str = ""
     limit_violations: int = 0
     moved: float = 0.0
-    increments: tuple[dict[str, Any], ...] = ()
+    increments: tuple[Increments, ...] = ()
     seconds: float = 0.0
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain strings and numbers."""
-        return dc.asdict(self)
 
 
 @dataclass
@@ -62,7 +60,7 @@ class Case:
         messages: what the user read, in order.
         limit_violations: samples that were sent beyond a limit.
         moved_before_command: greatest angle that an axis moved before it was commanded to, rad.
-        increments: what the controller ran of plans, see `run_increments`.
+        increments: what the controller ran of plans.
     """
 
     folder: Path
@@ -72,7 +70,7 @@ class Case:
     messages: list[str] = field(default_factory=list)
     limit_violations: int = 0
     moved_before_command: float = 0.0
-    increments: list[dict[str, Any]] = field(default_factory=list)
+    increments: list[Increments] = field(default_factory=list)
 
     @property
     def rng(self) -> np.random.Generator:
@@ -119,11 +117,11 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Row:
+class Fault:
     """One fault of the catalogue.
 
     Attributes:
-        id: of the row.
+        id: as of its result.
         fault: in a few words.
         injected: how it is injected.
         must: what must happen, in the catalogue's words.
@@ -136,7 +134,7 @@ class Row:
     must: str
     play: Callable[[Case], None]
 
-    def run(self, folder: Path, seed: int = 0) -> RowResult:
+    def run(self, folder: Path, seed: int = 0) -> FaultResult:
         """Inject the fault and judge; an unforeseen exception is a promise that was not kept.
 
         Args:
@@ -152,16 +150,17 @@ class Row:
             pass
         except ImportError as error:
             case.broken.append(f"NOT: {MISSING} ({error})")
-        except Exception as error:  # noqa: BLE001  a row reports, whatever comes
+        except Exception as error:  # noqa: BLE001  a fault reports, whatever comes
             case.broken.append(
                 f"NOT: no exception escapes (found: {type(error).__name__}: {error})"
             )
         if not case.kept and not case.broken:
-            case.broken.append("NOT: the row looked at something (found: nothing)")
-        return RowResult(
+            case.broken.append("NOT: the case looked at something (found: nothing)")
+        return FaultResult(
             self.id,
             self.fault,
             self.injected,
+            self.must,
             "; ".join(case.broken or case.kept),
             not case.broken and case.limit_violations == 0,
             " / ".join(case.messages),

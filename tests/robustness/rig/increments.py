@@ -3,8 +3,8 @@
 Increments of its clock, held against the plan's limits and path.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,23 +15,47 @@ from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.simulation.controllers.controller import VirtualControllerSettings
 from unwrinkle.testing import cells
 
+
+@dataclass(frozen=True)
+class Increments:
+    """What the controller ran of a plan at full speed.
+
+    Attributes:
+        profile: of the site.
+        period: of the controller's clock, s.
+        completed: every segment ran to its end.
+        velocity, acceleration, jerk: greatest share of a limit in the increments' differences.
+        path_error: of the increments, rad.
+        queue_least, queue_median: motion in the queues while the axes move, but for each segment's
+            last `lead`, s.
+        underruns: of the queues.
+        audit: what the client should not have sent.
+    """
+
+    profile: str
+    period: float
+    completed: bool
+    velocity: float
+    acceleration: float
+    jerk: float
+    path_error: float
+    queue_least: float
+    queue_median: float
+    underruns: int
+    audit: tuple[str, ...]
+
+
 #: The axes begin to move within this, ms.
 _LATEST = 1500
 
 
-def run_increments(folder: Path, profile: str, period: float) -> dict[str, Any]:
+def run_increments(folder: Path, profile: str, period: float) -> Increments:
     """Run a dual-arm plan at full speed through the driver and judge the increments.
 
     Args:
         folder: for the run's log.
         profile: of the site.
         period: of the controller's clock, s.
-
-    Returns:
-        `profile`, `period` (s), `completed`, `velocity`, `acceleration` and `jerk` (greatest share
-        of a limit, of the increments' differences), `path_error` (rad), `queue_least` and
-        `queue_median` (s of motion in the queues while the axes move, but for each segment's last
-        `lead`), `underruns` and `audit` (what the client should not have sent).
     """
     plan = cells.plan()
     settings = VirtualControllerSettings(period=period, keep=100_000)
@@ -59,19 +83,19 @@ def run_increments(folder: Path, profile: str, period: float) -> dict[str, Any]:
             q = np.array([positions for _, positions, _ in list(rig.controller.trace)[begin:]])
             ratios = np.maximum(ratios, _shares(q, period, rig))
             errors.append(_path_error(q, period, sent))
-        return {
-            "profile": profile,
-            "period": period,
-            "completed": completed,
-            "velocity": float(ratios[0]),
-            "acceleration": float(ratios[1]),
-            "jerk": float(ratios[2]),
-            "path_error": max(errors),
-            "queue_least": min(queued),
-            "queue_median": float(np.median(queued)),
-            "underruns": rig.controller.underruns,
-            "audit": list(rig.controller.audit.findings)[:5],
-        }
+        return Increments(
+            profile=profile,
+            period=period,
+            completed=completed,
+            velocity=float(ratios[0]),
+            acceleration=float(ratios[1]),
+            jerk=float(ratios[2]),
+            path_error=max(errors),
+            queue_least=min(queued),
+            queue_median=float(np.median(queued)),
+            underruns=rig.controller.underruns,
+            audit=tuple(rig.controller.audit.findings)[:5],
+        )
 
 
 def _shares(q: Array, period: float, rig: Rig) -> Array:

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.harness.digest import code_digest
 from benchmarks.harness.trials import Trial, run_trials
 from unwrinkle.models.errors import InputError
 
@@ -64,16 +63,6 @@ def test_other_settings_and_other_boards_have_other_places(rows: list[Trial]) ->
     other = Trial(rows[0].name, rows[0].work, {**rows[0].settings, "value": 9})
     assert rows[0].folder("probe") != other.folder("probe")
     assert rows[0].folder("probe") != rows[0].folder("another")
-
-
-def test_digest_follows_what_is_imported() -> None:
-    loop, statistics = (
-        code_digest(f"benchmarks.{name}")
-        for name in ("published.loop_trials", "harness.statistics")
-    )
-    assert loop != statistics and len(loop) == 64
-    with pytest.raises(InputError, match="no such module"):
-        code_digest("benchmarks.nothing")
 
 
 def test_more_rows_than_processes_may_serve_come_to_an_end(rows: list[Trial]) -> None:
