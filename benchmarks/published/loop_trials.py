@@ -1,11 +1,9 @@
-"""The closed loop in the simulated cell as a board's row.
-
-One run, in this process, judged by the true cloth.
-"""
+"""Run the closed loop in the simulated cell as a trial, in this process, judged by the true cloth."""
 
 import dataclasses as dc
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 
+from benchmarks.harness.trials import KeptTrial
 from unwrinkle.flattening.state import Action, Mode, SupervisorState
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.archive import save_archive
@@ -42,22 +41,79 @@ _STARTS: dict[str, Callable[..., ClothState]] = {
 }
 
 
-def flattened(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Look:
+    """One look at the table, and what was done about it.
+
+    Attributes:
+        outcome, reason: of it.
+        arms: of the motion.
+        wrinkle: index of the chosen one.
+        asked: arms that were asked for.
+        pull: distance of the first hand, m.
+        wrinkles: found.
+        refusals: motions that were not found or not verified.
+        seconds: by stage.
+        total: of all stages, s.
+    """
+
+    outcome: str
+    reason: str
+    arms: int
+    wrinkle: int | None
+    asked: str | None
+    pull: float | None
+    wrinkles: int
+    refusals: tuple[dict[str, Any], ...]
+    seconds: dict[str, float]
+    total: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopRun:
+    """A run of the loop.
+
+    Attributes:
+        status, reason: how it ended.
+        actions: carried out.
+        heights, coverages, overstretch: by true cloth, before the first and after every action; m,
+            shares, shares.
+        rni_truth: actions until the highest point was below FLAT; None where it never was.
+        dual, single, missed: of the actions.
+        dual_wanted, dual_found: motions for two arms that were looked for, and that were found and
+            verified.
+        looks: one after the other.
+    """
+
+    status: str
+    reason: str
+    actions: int
+    heights: tuple[float, ...]
+    coverages: tuple[float, ...]
+    overstretch: tuple[float, ...]
+    rni_truth: int | None
+    dual: int
+    single: int
+    missed: int
+    dual_wanted: int
+    dual_found: int
+    looks: tuple[Look, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopTrial(KeptTrial, LoopRun):
+    """A run that was kept."""
+
+
+def flattened(settings: dict[str, Any], folder: Path) -> LoopRun:
     """Run the loop to its end.
 
     Args:
         settings: `scenario` (what differs from the shipped one, nested as in the file), `seed` (of
-            every random choice in the loop), `start` (`kind` and the arguments of `wrinkle_makers`'
+            every random choice in the loop), `start` (`kind` and the arguments of `initial_states`'
             function of that name) and `material` (values that differ from the scenario's cloth,
             which the start is still made of).
         folder: takes the cloth's vertices before the first and after each action, `vertices.npz`.
-
-    Returns:
-        How it ended (`status`, `reason`), `actions` (carried out), by true cloth `heights` (m),
-        `coverages`, `overstretch` (each before the first and after every action), `rni_truth`
-        (actions until the highest point was below FLAT; None where it never was), `dual`, `single`,
-        `missed` (of the actions), `dual_wanted`, `dual_found` (motions for two arms that were
-        looked for, and that were found and verified), `looks` (one entry each).
     """
     scenario = changed(load_scenario(), settings.get("scenario", {}))
     scenario = with_sensor(scenario, scenario.sensor.kind)
@@ -100,7 +156,7 @@ def start_of(cloth: Cloth, scenario: Scenario, start: dict[str, Any]) -> ClothSt
     Args:
         cloth: the cloth.
         scenario: says where on the table.
-        start: `kind`, and the arguments of `wrinkle_makers`' function of that name.
+        start: `kind`, and the arguments of `initial_states`' function of that name.
 
     Raises:
         InputError: an unknown kind, or values that its maker refuses.
@@ -141,7 +197,7 @@ class _Record:
         self._cloth = cloth
         self._truth: list[TruthMeasures] = []
         self._vertices: list[NDArray[np.float32]] = []
-        self._looks: list[dict[str, Any]] = []
+        self._looks: list[Look] = []
         self._seconds: dict[str, float] = {}
 
     def note(
@@ -182,20 +238,20 @@ class _Record:
         }
         arms = [] if plan is None else [arm is not None for arm in plan.arms]
         self._looks.append(
-            {
-                "outcome": action.outcome,
-                "reason": action.reason,
-                "arms": sum(arms),
-                "wrinkle": None if action.pull is None else action.pull.wrinkle.index,
-                "asked": None if action.pull is None else action.pull.arms,
-                "pull": None if plan is None else plan.target.hands[0].pull_distance,
-                "wrinkles": 0
-                if action.observation is None
-                else len(action.observation.features.wrinkles),
-                "refusals": [dc.asdict(refusal) for refusal in action.refusals],
-                "seconds": seconds,
-                "total": sum(self._seconds.values()),
-            }
+            Look(
+                outcome=action.outcome,
+                reason=action.reason,
+                arms=sum(arms),
+                wrinkle=None if action.pull is None else action.pull.wrinkle.index,
+                asked=None if action.pull is None else action.pull.arms,
+                pull=None if plan is None else plan.target.hands[0].pull_distance,
+                wrinkles=(
+                    0 if action.observation is None else len(action.observation.features.wrinkles)
+                ),
+                refusals=tuple(dc.asdict(refusal) for refusal in action.refusals),
+                seconds=seconds,
+                total=sum(self._seconds.values()),
+            )
         )
         self._seconds = {}
 
@@ -205,23 +261,23 @@ class _Record:
         header = {"format": "unwrinkle.vertices", "flat_height": self._cloth.flat_height}
         save_archive(folder / VERTICES, header, arrays)
 
-    def result(self, last: SupervisorState) -> dict[str, Any]:
-        pulls = [look for look in self._looks if look["outcome"] in ("done", "missed")]
-        refused = [r for look in self._looks for r in look["refusals"] if r["arms"] == "dual"]
-        dual = sum(look["asked"] == "dual" for look in pulls)
+    def result(self, last: SupervisorState) -> LoopRun:
+        pulls = [look for look in self._looks if look.outcome in ("done", "missed")]
+        refused = [r for look in self._looks for r in look.refusals if r["arms"] == "dual"]
+        dual = sum(look.asked == "dual" for look in pulls)
         heights = [truth.height for truth in self._truth]
-        return {
-            "status": last.status,
-            "reason": last.reason,
-            "actions": last.policy_state.actions,
-            "heights": heights,
-            "coverages": [truth.coverage for truth in self._truth],
-            "overstretch": [truth.overstretch for truth in self._truth],
-            "rni_truth": next((n for n, height in enumerate(heights) if height <= FLAT), None),
-            "dual": sum(look["arms"] == 2 for look in pulls),
-            "single": sum(look["arms"] == 1 for look in pulls),
-            "missed": sum(look["outcome"] == "missed" for look in pulls),
-            "dual_wanted": dual + len(refused),
-            "dual_found": dual,
-            "looks": self._looks,
-        }
+        return LoopRun(
+            status=last.status,
+            reason=last.reason,
+            actions=last.policy_state.actions,
+            heights=tuple(heights),
+            coverages=tuple(truth.coverage for truth in self._truth),
+            overstretch=tuple(truth.overstretch for truth in self._truth),
+            rni_truth=next((n for n, height in enumerate(heights) if height <= FLAT), None),
+            dual=sum(look.arms == 2 for look in pulls),
+            single=sum(look.arms == 1 for look in pulls),
+            missed=sum(look.outcome == "missed" for look in pulls),
+            dual_wanted=dual + len(refused),
+            dual_found=dual,
+            looks=tuple(self._looks),
+        )

@@ -2,6 +2,7 @@
 published Table II.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,9 @@ from benchmarks.harness.report import Progress
 from benchmarks.harness.statistics import mean_interval, wilson
 from benchmarks.harness.trials import Trial, run_trials, trials_wall
 from benchmarks.published.figures import run_figures
-from benchmarks.published.loop_trials import VERTICES
+from benchmarks.published.loop_trials import VERTICES, LoopTrial
 from benchmarks.published.table2_page import cell_name, page
+from benchmarks.published.table2_results import CellFigures, OrderKept, PublishedCell, Table2Result
 
 _XTION = {"kind": "depth", "depth_camera": "xtion"}
 _STEREO = {"kind": "stereo"}
@@ -38,18 +40,18 @@ OPTIONS: dict[str, dict[str, Any]] = {
 _ALL = CELLS | OPTIONS
 #: Published required number of iterations, mean and standard deviation, and dual-arm plans (Sun et
 #: al., ICRA 2015, Table II).
-PUBLISHED: dict[str, dict[str, Any]] = {
-    "dual_stereo": {"rni_mean": 4.7, "rni_std": 0.95, "dual_success": 0.659},
-    "single_stereo": {"rni_mean": 8.6, "rni_std": 2.99, "dual_success": None},
-    "dual_xtion": {"rni_mean": 9.5, "rni_std": 2.07, "dual_success": 0.463},
-    "single_xtion": {"rni_mean": 13.1, "rni_std": 2.85, "dual_success": None},
+PUBLISHED: dict[str, PublishedCell] = {
+    "dual_stereo": PublishedCell(4.7, 0.95, 0.659),
+    "single_stereo": PublishedCell(8.6, 2.99, None),
+    "dual_xtion": PublishedCell(9.5, 2.07, 0.463),
+    "single_xtion": PublishedCell(13.1, 2.85, None),
 }
 _STARTS = 10
 _ACTIONS = 30  # most in a run
 _WORK = "benchmarks.published.loop_trials:flattened"
 
 
-def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
+def run(*, quick: bool, seed: int, progress: Progress) -> Table2Result:
     """Flatten the same crumpled towels in every cell.
 
     Args:
@@ -59,25 +61,27 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
         progress: told of every finished run.
     """
     starts = range(seed, seed + (1 if quick else _STARTS))
-    rows = [_row(cell, start, quick=quick) for cell in _ALL for start in starts]
-    done = run_trials("table2", rows, progress)
-    runs = {cell: done[k * len(starts) : (k + 1) * len(starts)] for k, cell in enumerate(_ALL)}
-    cells = {cell: cell_figures(of) for cell, of in runs.items()}
-    return {
-        "trials_wall": trials_wall(done),
-        "starts": list(starts),
-        "most_actions": rows[0].settings["scenario"]["loop"]["actions"],
-        **cells,
-        "published": PUBLISHED,
-        "order_kept": {
-            key: _ordered([cells[cell][key] for cell in CELLS])
-            for key in ("rni_mean", "rni_truth_mean")
-        },
-        "runs": runs,
+    trials = [_trial(cell, start, quick=quick) for cell in _ALL for start in starts]
+    done = run_trials("table2", trials, LoopTrial, progress)
+    runs = {
+        cell: tuple(done[k * len(starts) : (k + 1) * len(starts)]) for k, cell in enumerate(_ALL)
     }
+    cells = {cell: cell_figures(of) for cell, of in runs.items()}
+    return Table2Result(
+        trials_wall=trials_wall(done),
+        starts=tuple(starts),
+        most_actions=trials[0].settings["scenario"]["loop"]["actions"],
+        cells=cells,
+        published=PUBLISHED,
+        order_kept=OrderKept(
+            _ordered([cells[cell].rni_mean for cell in CELLS]),
+            _ordered([cells[cell].rni_truth_mean for cell in CELLS]),
+        ),
+        runs=runs,
+    )
 
 
-def _row(cell: str, seed: int, *, quick: bool) -> Trial:
+def _trial(cell: str, seed: int, *, quick: bool) -> Trial:
     sensor = dict(_ALL[cell]["sensor"])
     if quick:
         sensor["scale"] = 0.25
@@ -90,32 +94,29 @@ def _row(cell: str, seed: int, *, quick: bool) -> Trial:
     return Trial(f"{cell}-{seed}", _WORK, settings)
 
 
-def cell_figures(runs: list[dict[str, Any]]) -> dict[str, Any]:
-    """The figures of one cell: those of `run_figures`, and others.
-
-    `rni_truth_*` counts actions until the cloth's highest point was at most 5 mm, over the runs in
-    which it came to that.
-    """
-    truth = mean_interval([run["rni_truth"] for run in runs if run["rni_truth"] is not None])
-    wanted, found = (sum(run[key] for run in runs) for key in ("dual_wanted", "dual_found"))
-    acted = [look for run in runs for look in run["looks"] if look["outcome"] in ("done", "missed")]
-    stages = sorted({stage for look in acted for stage in look["seconds"]})
-    return {
-        **run_figures(runs),
-        "rni_truth_mean": None if truth is None else truth.mean,
-        "rni_truth_std": None if truth is None else truth.std,
-        "rni_truth_interval": None if truth is None else [truth.low, truth.high],
-        "dual_wanted": wanted,
-        "dual_success": found / wanted if wanted else None,
-        "dual_interval": list(wilson(found, wanted)) if wanted else None,
-        "coverage_start": float(np.mean([run["coverages"][0] for run in runs])),
-        "height_median": float(np.median([run["heights"][-1] for run in runs])),
-        "action_seconds_median": float(np.median([look["total"] for look in acted] or [0.0])),
-        "stage_seconds_median": {
-            stage: float(np.median([look["seconds"].get(stage, 0.0) for look in acted]))
+def cell_figures(runs: Sequence[LoopTrial]) -> CellFigures:
+    """Compute the figures of one cell."""
+    truth = mean_interval([run.rni_truth for run in runs if run.rni_truth is not None])
+    wanted = sum(run.dual_wanted for run in runs)
+    found = sum(run.dual_found for run in runs)
+    acted = [look for run in runs for look in run.looks if look.outcome in ("done", "missed")]
+    stages = sorted({stage for look in acted for stage in look.seconds})
+    return CellFigures(
+        **vars(run_figures(runs)),
+        rni_truth_mean=None if truth is None else truth.mean,
+        rni_truth_std=None if truth is None else truth.std,
+        rni_truth_interval=None if truth is None else (truth.low, truth.high),
+        dual_wanted=wanted,
+        dual_success=found / wanted if wanted else None,
+        dual_interval=wilson(found, wanted) if wanted else None,
+        coverage_start=float(np.mean([run.coverages[0] for run in runs])),
+        height_median=float(np.median([run.heights[-1] for run in runs])),
+        action_seconds_median=float(np.median([look.total for look in acted] or [0.0])),
+        stage_seconds_median={
+            stage: float(np.median([look.seconds.get(stage, 0.0) for look in acted]))
             for stage in stages
         },
-    }
+    )
 
 
 def _ordered(values: list[float | None]) -> bool | None:
@@ -124,12 +125,12 @@ def _ordered(values: list[float | None]) -> bool | None:
     return None if len(known) < len(values) else known == sorted(known)
 
 
-def table(results: dict[str, Any]) -> str:
+def table(results: Table2Result) -> str:
     """The page."""
     return page(results, list(CELLS), list(OPTIONS))
 
 
-def plot(results: dict[str, Any], path: Path) -> None:
+def plot(results: Table2Result, path: Path) -> None:
     """Draw the numbers of actions beside the published ones, and one start before and after in
     every cell.
     """
@@ -140,10 +141,10 @@ def plot(results: dict[str, Any], path: Path) -> None:
     bars(
         axes,
         [cell_name(cell) for cell in cells],
-        [results[cell]["rni_mean"] for cell in cells],
-        [tuple(results[cell]["rni_interval"]) for cell in cells],
+        [results.cells[cell].rni_mean for cell in cells],
+        [results.cells[cell].rni_interval for cell in cells],
         [
-            (PUBLISHED[cell]["rni_mean"], PUBLISHED[cell]["rni_std"]) if cell in PUBLISHED else None
+            (PUBLISHED[cell].rni_mean, PUBLISHED[cell].rni_std) if cell in PUBLISHED else None
             for cell in cells
         ],
         label="actions until the detector says flat",
@@ -151,12 +152,12 @@ def plot(results: dict[str, Any], path: Path) -> None:
     axes.set_title(
         "Crumpled towel: actions needed. Here: simulated cloth and robot; published: the real ones"
     )
-    views = [("before", results["runs"][cells[0]][0], 0)]
-    views += [(f"after, {cell_name(cell)}", results["runs"][cell][0], -1) for cell in cells]
+    views = [("before", results.runs[cells[0]][0], 0)]
+    views += [(f"after, {cell_name(cell)}", results.runs[cell][0], -1) for cell in cells]
     for column, (title, run, number) in enumerate(views):
         below = figure.add_subplot(grid[1, column])
-        if (Path(run["folder"]) / VERTICES).exists():
-            draw_cloth(below, Path(run["folder"]) / VERTICES, number)
+        if (Path(run.folder) / VERTICES).exists():
+            draw_cloth(below, Path(run.folder) / VERTICES, number)
         below.set_title(title, fontsize=9)
-        below.set_xlabel(f"{1e3 * run['heights'][number]:.1f} mm high", fontsize=9)
+        below.set_xlabel(f"{1e3 * run.heights[number]:.1f} mm high", fontsize=9)
     save(figure, path)

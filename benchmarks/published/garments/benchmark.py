@@ -3,7 +3,8 @@
 Four garments, flattened by the system and by simple ways from the same starts.
 """
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +19,21 @@ from benchmarks.harness.report import Progress
 from benchmarks.harness.statistics import Spread, mean_interval
 from benchmarks.harness.trials import run_trials, trials_wall
 from benchmarks.published.garments.page import page
+from benchmarks.published.garments.results import (
+    GarmentsResult,
+    GarmentTrial,
+    LeftOut,
+    MethodFigures,
+    PublishedCoverage,
+    StartTrial,
+)
 from benchmarks.published.garments.trials import (
     GARMENTS,
     METHODS,
     OURS,
     STARTS,
     TOGETHER,
-    start_row,
+    start_trial,
     wanted,
 )
 from benchmarks.published.loop_trials import VERTICES
@@ -34,24 +43,24 @@ from unwrinkle.models.io.archive import load_archive
 SUCCESS = 0.95  # coverage
 #: Learned results on other starts, cloths and simulators, by their abstracts: start kind they are
 #: nearest to, label, coverage (lower, upper), action they were reached at.
-PUBLISHED: tuple[dict[str, Any], ...] = (
-    {
-        "start": "pinched",
-        "label": "FlingBot: over 80 % within 3 actions (another simulator)",
-        "source": "H. Ha and S. Song, CoRL 2021, arXiv:2105.03655, abstract: novel cloths, crumpled",
-        "coverage": [0.80, None],
-        "action": 3,
-    },
-    {
-        "start": "pinched",
-        "label": "Seita: 83 % to 95 % (another robot and cloth)",
-        "source": (
+PUBLISHED: tuple[PublishedCoverage, ...] = (
+    PublishedCoverage(
+        start="pinched",
+        label="FlingBot: over 80 % within 3 actions (another simulator)",
+        source="H. Ha and S. Song, CoRL 2021, arXiv:2105.03655, abstract: novel cloths, crumpled",
+        coverage=(0.80, None),
+        action=3,
+    ),
+    PublishedCoverage(
+        start="pinched",
+        label="Seita: 83 % to 95 % (another robot and cloth)",
+        source=(
             "D. Seita et al., IROS 2020, arXiv:1910.04854, abstract: RGBD policies in 180 runs on a real robot, a small "
             "square of cloth, by difficulty of the start"
         ),
-        "coverage": [0.83, 0.95],
-        "action": None,
-    },
+        coverage=(0.83, 0.95),
+        action=None,
+    ),
 )
 _SEEDS = {"bunched": 5, "pinched": 0}
 _ACTIONS = 20
@@ -69,7 +78,7 @@ _COLOURS = {
 }
 
 
-def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
+def run(*, quick: bool, seed: int, progress: Progress) -> GarmentsResult:
     """Flatten every garment from every start in every way.
 
     Args:
@@ -84,14 +93,12 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
     seeds, left_out = chosen_seeds(
         pairs, seed, dict.fromkeys(STARTS, 1) if quick else _SEEDS, progress
     )
-    rows = wanted(seeds, actions=actions)
-    done = [
-        {**row, **displaced(Path(row["folder"]))} for row in run_trials("garments", rows, progress)
-    ]
+    trials = wanted(seeds, actions=actions)
+    done = [_displaced(each) for each in run_trials("garments", trials, GarmentTrial, progress)]
     counts = [count for count in _COUNTS if count <= actions] or [actions]
-    by_key: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
-    for row, found in zip(rows, done, strict=True):
-        start, garment, _, method = row.name.rsplit("-", 3)
+    by_key: dict[tuple[str, str, str], list[GarmentTrial]] = {}
+    for trial, found in zip(trials, done, strict=True):
+        start, garment, _, method = trial.name.rsplit("-", 3)
         by_key.setdefault((start, garment, method), []).append(found)
     unpaired = [
         f"{start}-{garment}"
@@ -99,18 +106,18 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
         for garment in garments
         if not _paired([by_key[start, garment, method] for method in METHODS])
     ]
-    return {
-        "trials_wall": trials_wall(done),
-        "garments": garments,
-        "starts": starts,
-        "methods": list(METHODS),
-        "seeds": {f"{start}-{garment}": of for (start, garment), of in seeds.items()},
-        "starts_left_out": left_out,
-        "most_actions": actions,
-        "counts": counts,
-        "success_coverage": SUCCESS,
-        "unpaired": unpaired,
-        "cells": {
+    return GarmentsResult(
+        trials_wall=trials_wall(done),
+        garments=tuple(garments),
+        starts=tuple(starts),
+        methods=tuple(METHODS),
+        seeds={f"{start}-{garment}": tuple(of) for (start, garment), of in seeds.items()},
+        starts_left_out=tuple(left_out),
+        most_actions=actions,
+        counts=tuple(counts),
+        success_coverage=SUCCESS,
+        unpaired=tuple(unpaired),
+        cells={
             start: {
                 garment: {
                     method: figures(by_key[start, garment, method], counts) for method in METHODS
@@ -119,7 +126,7 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
             }
             for start in starts
         },
-        "overall": {
+        overall={
             start: {
                 method: figures(
                     [run for garment in garments for run in by_key[start, garment, method]], counts
@@ -128,14 +135,14 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
             }
             for start in starts
         },
-        "published": list(PUBLISHED),
-        "runs": done,
-    }
+        published=PUBLISHED,
+        runs=tuple(done),
+    )
 
 
 def chosen_seeds(
     pairs: list[tuple[str, str]], first: int, counts: Mapping[str, int], progress: Progress
-) -> tuple[dict[tuple[str, str], list[int]], list[dict[str, str]]]:
+) -> tuple[dict[tuple[str, str], list[int]], list[LeftOut]]:
     """The first seeds from which the starts can be made, by start kind and garment; and those left
     out, with reasons.
 
@@ -144,7 +151,7 @@ def chosen_seeds(
     """
     seeds: dict[tuple[str, str], list[int]] = {pair: [] for pair in pairs}
     following = dict.fromkeys(pairs, first)
-    left_out: list[dict[str, str]] = []
+    left_out: list[LeftOut] = []
     for _ in range(_MOST_ROUNDS):
         asked = [
             (pair, following[pair] + k)
@@ -153,87 +160,78 @@ def chosen_seeds(
         ]
         if not asked:
             return seeds, left_out
-        rows = [start_row(*pair, seed) for pair, seed in asked]
-        for (pair, seed), row in zip(asked, run_trials("garments", rows, progress), strict=True):
+        trials = [start_trial(*pair, seed) for pair, seed in asked]
+        found = run_trials("garments", trials, StartTrial, progress)
+        for (pair, seed), each in zip(asked, found, strict=True):
             following[pair] = seed + 1
-            if row["made"]:
+            if each.made:
                 seeds[pair].append(seed)
             else:
-                left_out.append({"start": f"{'-'.join(pair)}-{seed}", "reason": row["reason"]})
+                left_out.append(LeftOut(start=f"{'-'.join(pair)}-{seed}", reason=each.reason))
     raise InputError(
-        f"garments: the cloth's solver fails at {len(left_out)} starts, the last {left_out[-1]['start']}; "
+        f"garments: the cloth's solver fails at {len(left_out)} starts, the last {left_out[-1].start}; "
         "give another seed"
     )
 
 
-def figures(runs: list[dict[str, Any]], counts: list[int]) -> dict[str, Any]:
-    """The figures of one method over runs; a run that ended early keeps its last value.
-
-    Returns:
-        `coverage` and `improvement` by count of actions (as text), each a `Spread` as JSON or None;
-        `success` (runs whose last coverage is SUCCESS at least), `success_ever`, `first_success` (a
-        Spread over those of the action that first reached it); `best` (a Spread of the run's
-        highest coverage); `height` (m, at the end), `height_max`; `actions` (used), `moved` and
-        `hanging_max` (see `displaced`), `dual`, `overstretch_max`, `broken`, `idle`, `empty`,
-        `ended` (how many by status), `wall` (s).
-    """
-    improvements: dict[str, Any] = {}
+def figures(runs: Sequence[GarmentTrial], counts: Sequence[int]) -> MethodFigures:
+    """Compute the figures of one method over runs."""
+    improvements: dict[int, Spread | None] = {}
     for count in counts:
-        values = [improvement(run["coverages"], count) for run in runs]
-        improvements[str(count)] = _json(mean_interval([v for v in values if v is not None]))
+        values = [improvement(run.coverages, count) for run in runs]
+        improvements[count] = mean_interval([v for v in values if v is not None])
     firsts = [
-        next(n for n, share in enumerate(run["coverages"]) if share >= SUCCESS)
+        next(n for n, share in enumerate(run.coverages) if share >= SUCCESS)
         for run in runs
-        if max(run["coverages"]) >= SUCCESS
+        if max(run.coverages) >= SUCCESS
     ]
     ended: dict[str, int] = {}
     for run in runs:
-        ended[run["status"]] = ended.get(run["status"], 0) + 1
-    return {
-        "runs": len(runs),
-        "coverage": {
-            str(count): _json(mean_interval([after(run["coverages"], count) for run in runs]))
+        ended[run.status] = ended.get(run.status, 0) + 1
+    return MethodFigures(
+        runs=len(runs),
+        coverage={
+            count: mean_interval([after(run.coverages, count) for run in runs])
             for count in (0, *counts)
         },
-        "improvement": improvements,
-        "success": sum(run["coverages"][-1] >= SUCCESS for run in runs),
-        "success_ever": len(firsts),
-        "success_at_start": sum(run["coverages"][0] >= SUCCESS for run in runs),
-        "first_success": _json(mean_interval(firsts)),
-        "best": _json(mean_interval([max(run["coverages"]) for run in runs])),
-        "height": _json(mean_interval([run["heights"][-1] for run in runs])),
-        "height_max": max(run["heights"][-1] for run in runs),
-        "actions": _json(mean_interval([run["actions"] for run in runs])),
-        "moved": _json(mean_interval([run["moved"] for run in runs])),
-        "hanging_max": max(run["hanging"] for run in runs),
-        "overstretch_max": max(max(run["overstretch"][1:], default=0.0) for run in runs),
-        **{
-            key: sum(run.get(key, 0) for run in runs)
-            for key in ("broken", "idle", "empty", "missed", "dual")
-        },
-        "ended": ended,
-        "wall": float(np.mean([run["wall"] for run in runs])),
-    }
+        improvement=improvements,
+        success=sum(run.coverages[-1] >= SUCCESS for run in runs),
+        success_ever=len(firsts),
+        success_at_start=sum(run.coverages[0] >= SUCCESS for run in runs),
+        first_success=mean_interval(firsts),
+        best=mean_interval([max(run.coverages) for run in runs]),
+        height=mean_interval([run.heights[-1] for run in runs]),
+        height_max=max(run.heights[-1] for run in runs),
+        actions=mean_interval([run.actions for run in runs]),
+        moved=mean_interval([run.moved for run in runs]),
+        hanging_max=max(run.hanging for run in runs),
+        overstretch_max=max(max(run.overstretch[1:], default=0.0) for run in runs),
+        broken=sum(run.broken for run in runs),
+        idle=sum(run.idle for run in runs),
+        empty=sum(run.empty for run in runs),
+        missed=sum(run.missed for run in runs),
+        dual=sum(run.dual for run in runs),
+        ended=ended,
+        wall=float(np.mean([run.wall for run in runs])),
+    )
 
 
-def displaced(folder: Path) -> dict[str, float]:
-    """How far a run moved the garment's middle over the table (`moved`, m), and the share that
-    hangs over its edge.
-    """
-    header, arrays = load_archive(folder / VERTICES)
+def _displaced(trial: GarmentTrial) -> GarmentTrial:
+    """Add how far a run moved the garment's middle, and the share that hangs over the table's edge."""
+    header, arrays = load_archive(Path(trial.folder) / VERTICES)
     last = sum(name.startswith("v") for name in arrays) - 1
     before, end = arrays["v0"], arrays[f"v{last}"]
     moved = (end - before)[:, :2].mean(axis=0, dtype=float)
     fallen = end[:, 2] < float(header["flat_height"]) - _FALLEN
-    return {"moved": float(np.hypot(*moved)), "hanging": float(fallen.mean())}
+    return dataclasses.replace(trial, moved=float(np.hypot(*moved)), hanging=float(fallen.mean()))
 
 
-def after(values: list[float], count: int) -> float:
+def after(values: Sequence[float], count: int) -> float:
     """The value after `count` actions; the last one of a run that ended before."""
     return values[min(count, len(values) - 1)]
 
 
-def improvement(coverages: list[float], count: int) -> float | None:
+def improvement(coverages: Sequence[float], count: int) -> float | None:
     """Normalised improvement after `count` actions: the share of what the start lacked that was
     gained.
 
@@ -246,29 +244,24 @@ def improvement(coverages: list[float], count: int) -> float | None:
     return (after(coverages, count) - first) / (1.0 - first)
 
 
-def _paired(runs: list[list[dict[str, Any]]]) -> bool:
+def _paired(runs: Sequence[Sequence[GarmentTrial]]) -> bool:
     """Whether all methods began with the same coverage, seed by seed."""
     return all(
-        len({round(run["coverages"][0], 9) for run in same}) == 1
-        for same in zip(*runs, strict=True)
+        len({round(run.coverages[0], 9) for run in same}) == 1 for same in zip(*runs, strict=True)
     )
 
 
-def _json(spread: Spread | None) -> dict[str, Any] | None:
-    return None if spread is None else spread.to_json()
-
-
-def table(results: dict[str, Any]) -> str:
+def table(results: GarmentsResult) -> str:
     """The page."""
     return page(results)
 
 
-def plot(results: dict[str, Any], path: Path) -> None:
+def plot(results: GarmentsResult, path: Path) -> None:
     """Draw coverage against actions, a panel per garment and start, and one start of each before
     and after.
     """
-    garments, starts = results["garments"], results["starts"]
-    runs = {run["name"]: run for run in results["runs"]}
+    garments, starts = results.garments, results.starts
+    runs = {run.name: run for run in results.runs}
     figure = Figure(figsize=(3.4 * len(garments) + 0.5, 5.2 * len(starts)), layout="constrained")
     parts: Any = figure.subfigures(2 * len(starts), 1, height_ratios=[1.1, 1.0] * len(starts))
     for k, start in enumerate(starts):
@@ -288,14 +281,14 @@ def plot(results: dict[str, Any], path: Path) -> None:
             axes.set_axis_off()
         for place, garment in enumerate(garments):
             names = [
-                f"{start}-{garment}-{results['seeds'][f'{start}-{garment}'][0]}-{method}"
+                f"{start}-{garment}-{results.seeds[f'{start}-{garment}'][0]}-{method}"
                 for method in METHODS
             ]
             shown = [("before", names[0], 0)]
             shown += [(method, name, -1) for method, name in zip(METHODS, names, strict=True)]
             tiles = strips[:, place * _COLUMNS : (place + 1) * _COLUMNS].flat
             for axes, (title, name, number) in zip(tiles, shown, strict=False):
-                draw_cloth(axes, Path(runs[name]["folder"]) / VERTICES, number)
+                draw_cloth(axes, Path(runs[name].folder) / VERTICES, number)
                 axes.set_xlim(-0.42, 0.42)  # the whole table: some drag the garment about
                 axes.set_ylim(-1.62, -0.78)
                 axes.set_title(title, fontsize=6)
@@ -303,8 +296,8 @@ def plot(results: dict[str, Any], path: Path) -> None:
 
 
 def _runs_of(
-    runs: dict[str, dict[str, Any]], start: str, garment: str, method: str
-) -> list[dict[str, Any]]:
+    runs: dict[str, GarmentTrial], start: str, garment: str, method: str
+) -> list[GarmentTrial]:
     return [
         run
         for name, run in runs.items()
@@ -312,24 +305,24 @@ def _runs_of(
     ]
 
 
-def _curve(axes: Axes, runs: list[dict[str, Any]], results: dict[str, Any], method: str) -> None:
-    counts = np.arange(results["most_actions"] + 1)
-    spreads = [mean_interval([after(run["coverages"], int(n)) for run in runs]) for n in counts]
+def _curve(axes: Axes, runs: Sequence[GarmentTrial], results: GarmentsResult, method: str) -> None:
+    counts = np.arange(results.most_actions + 1)
+    spreads = [mean_interval([after(run.coverages, int(n)) for run in runs]) for n in counts]
     known = [spread for spread in spreads if spread is not None]
     means, low, high = 100.0 * np.array([(s.mean, s.low, s.high) for s in known]).T
     axes.plot(counts, means, color=_COLOURS[method], label=method, linewidth=1.5)
     axes.fill_between(counts, low, high, color=_COLOURS[method], alpha=0.2, linewidth=0.0)
 
 
-def _published(axes: Axes, results: dict[str, Any], start: str) -> None:
-    most = results["most_actions"]
+def _published(axes: Axes, results: GarmentsResult, start: str) -> None:
+    most = results.most_actions
     axes.axhline(100.0 * SUCCESS, color="black", linestyle=":", linewidth=0.8)
-    for line in results["published"]:
-        if line["start"] != start:
+    for line in results.published:
+        if line.start != start:
             continue
-        low, high = line["coverage"]
+        low, high = line.coverage
         if high is None:
-            begin = min(line["action"], most)
-            axes.plot([begin, most], [100.0 * low] * 2, color=GREY, label=line["label"])
+            begin = min(line.action or 0, most)
+            axes.plot([begin, most], [100.0 * low] * 2, color=GREY, label=line.label)
         else:
-            axes.axhspan(100.0 * low, 100.0 * high, color=GREY, alpha=0.25, label=line["label"])
+            axes.axhspan(100.0 * low, 100.0 * high, color=GREY, alpha=0.25, label=line.label)

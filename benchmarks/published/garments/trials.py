@@ -1,4 +1,4 @@
-"""Rows of the garments board.
+"""Trials of the benchmark `garments`.
 
 Ours, and bare hands that follow a simple policy from the very same start.
 """
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from benchmarks.harness.trials import Trial
 from benchmarks.published.garments.baseline_policies import POLICIES, Pull, carried_out
+from benchmarks.published.garments.results import PolicyRun, StartMade
 from benchmarks.published.loop_trials import VERTICES, changed, start_of
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.archive import save_archive
@@ -46,8 +47,8 @@ _UNSOLVED = (ClothError, ValueError)
 _LOOKS = 1000  # a run's looks have seeds of their own
 
 
-def start_row(start: str, garment: str, seed: int) -> Trial:
-    """The row that makes a start, and says whether the cloth's solver could."""
+def start_trial(start: str, garment: str, seed: int) -> Trial:
+    """Return the trial that makes a start, and says whether the cloth's solver could."""
     return Trial(
         f"{start}-{garment}-{seed}-start",
         "benchmarks.published.garments.trials:made",
@@ -59,14 +60,14 @@ def start_row(start: str, garment: str, seed: int) -> Trial:
 
 
 def wanted(seeds: Mapping[tuple[str, str], Sequence[int]], *, actions: int) -> list[Trial]:
-    """A row per start kind, garment, seed and method; those of one start stand together.
+    """Return a trial per start kind, garment, seed and method; those of one start stand together.
 
     Args:
         seeds: by start kind (of STARTS) and garment (of GARMENTS): of the starts, and of all else
-            that is random in a row.
+            that is random in a trial.
         actions: that each method may use.
     """
-    rows = []
+    trials = []
     for (start, garment), chosen in seeds.items():
         for seed in chosen:
             for method in METHODS:
@@ -77,8 +78,8 @@ def wanted(seeds: Mapping[tuple[str, str], Sequence[int]], *, actions: int) -> l
                     else "benchmarks.published.garments.trials:by_policy"
                 )
                 name = f"{start}-{garment}-{seed}-{method}"
-                rows.append(Trial(name, work, settings))
-    return rows
+                trials.append(Trial(name, work, settings))
+    return trials
 
 
 def _settings(garment: str, start: str, seed: int, method: str, actions: int) -> dict[str, Any]:
@@ -91,15 +92,12 @@ def _settings(garment: str, start: str, seed: int, method: str, actions: int) ->
     return {**common, "policy": method, "actions": actions}
 
 
-def made(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Make a start and keep it for the rows of the policies.
+def made(settings: dict[str, Any], folder: Path) -> StartMade:
+    """Make a start and keep it for the trials of the policies.
 
     Args:
         settings: `scenario` and `start`, as of `by_policy`.
-        folder: of the row; the folder above it keeps the starts.
-
-    Returns:
-        `made`, and the `reason` where the cloth's solver failed.
+        folder: of the trial; the folder above it keeps the starts.
 
     Raises:
         InputError: settings that the scenario or the start's maker refuses.
@@ -109,24 +107,18 @@ def made(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
     try:
         _start(cloth, scenario, settings["start"], folder.parent)
     except _UNSOLVED as error:
-        return {"made": False, "reason": str(error)}
-    return {"made": True, "reason": ""}
+        return StartMade(made=False, reason=str(error))
+    return StartMade(made=True, reason="")
 
 
-def by_policy(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
+def by_policy(settings: dict[str, Any], folder: Path) -> PolicyRun:
     """Let bare hands follow a policy for all actions that they have.
 
     Args:
-        settings: `policy` (of POLICIES), `actions`, and as of `_loop_rows.flattened` `scenario`,
+        settings: `policy` (of POLICIES), `actions`, and as of `loop_trials.flattened` `scenario`,
             `seed`, `start`.
         folder: takes the cloth's vertices at first and after every KEPT actions, `vertices.npz`;
             the folder above it keeps the starts.
-
-    Returns:
-        `coverages`, `heights` (m) and `overstretch` before the first and after every action;
-        `actions`; `idle` (actions for which the policy knew nothing to do), `empty` (hands that
-        closed on nothing) and `broken` (pulls that the cloth's solver could not follow: the cloth
-        lay as before).
 
     Raises:
         InputError: an unknown policy, or settings that the scenario refuses.
@@ -163,22 +155,24 @@ def by_policy(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
         if (action + 1) % KEPT == 0:
             kept.append(cloth.vertices(state))
     _keep(folder, cloth, [*kept, cloth.vertices(state)])
-    return {
-        "status": "used all actions",
-        "reason": "",
-        "actions": int(settings["actions"]),
-        "coverages": [one.coverage for one in truth],
-        "heights": [one.height for one in truth],
-        "overstretch": [one.overstretch for one in truth],
-        **count,
-    }
+    return PolicyRun(
+        status="used all actions",
+        reason="",
+        actions=int(settings["actions"]),
+        coverages=tuple(one.coverage for one in truth),
+        heights=tuple(one.height for one in truth),
+        overstretch=tuple(one.overstretch for one in truth),
+        idle=count["idle"],
+        empty=count["empty"],
+        broken=count["broken"],
+    )
 
 
-def _start(cloth: Cloth, scenario: Scenario, start: dict[str, Any], board: Path) -> ClothState:
+def _start(cloth: Cloth, scenario: Scenario, start: dict[str, Any], benchmark: Path) -> ClothState:
     """The start, made once for all policies: folds take the processor 10 to 20 s."""
     garment = scenario.station.garment.outline
     words = "-".join(str(value) for value in start.values())
-    path = board / "starts" / f"{garment}-{words}.npz"
+    path = benchmark / "starts" / f"{garment}-{words}.npz"
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         start_of(cloth, scenario, start).save(path)

@@ -1,6 +1,7 @@
-"""Rows of the grasps board: one state from one seed, pinched and lifted at each of several points."""
+"""Trials of the benchmark `grasps`: one state from one seed, pinched and lifted at several points."""
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.harness.trials import Trial
+from benchmarks.published.grasps.results import Attempt, GraspRun
 from benchmarks.published.grasps.states import cloth_of, start_of, state_named
 from benchmarks.published.loop_trials import VERTICES
 from unwrinkle.models.arrays import Array
@@ -42,9 +44,7 @@ Place = tuple[Array, Array]  # p_WG (3,), across (2,)
 
 
 def wanted(states: Sequence[str], seeds: Sequence[int]) -> list[Trial]:
-    """A row per state and seed; all points of one state are tried in one row, from the same start
-    and look.
-    """
+    """Return a trial per state and seed; all points of one are tried from the same start and look."""
     work = "benchmarks.published.grasps.trials:grasped"
     return [
         Trial(f"{state}-{seed}", work, {"state": state, "seed": seed})
@@ -53,18 +53,14 @@ def wanted(states: Sequence[str], seeds: Sequence[int]) -> list[Trial]:
     ]
 
 
-def grasped(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
+def grasped(settings: dict[str, Any], folder: Path) -> GraspRun:
     """Look at a state, and pinch and lift it at each point, always from the same start.
 
     Args:
-        settings: `state` (of `_grasp_states`) and `seed`, of the start, the look's noise and the
+        settings: `state` (of `states`) and `seed`, of the start, the look's noise and the
             random point.
         folder: takes the start (`start.npz`) and, for pictures, the vertices before and after our
             lift (`vertices.npz`).
-
-    Returns:
-        `wrinkles` found, `coverage` and `height` by truth, and `choices`: for each point what came
-        of it.
     """
     cell, planner = _station()
     kind, seed = state_named(settings["state"]), int(settings["seed"])
@@ -73,30 +69,27 @@ def grasped(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
     truth = measure(cloth, start)
     analysis = analyse(true_range_map(cloth, start, seed), table=cell.table)
     rim = _rim_distance(analysis)
-    tried: dict[str, dict[str, Any]] = {}
+    tried: dict[str, Attempt] = {}
     lifted = start
     for choice in CHOICES:
         place = _place(analysis, choice, np.random.default_rng([seed, 1]))
         tried[choice], ended = _attempt(cloth, start, place, planner)
         if not isinstance(place, NoGrasp):
             column, row = np.rint(analysis.range_map.cell_from_world(place[0][:2])).astype(int)
-            tried[choice]["inset"] = float(rim[row, column])
+            tried[choice] = dataclasses.replace(tried[choice], inset=float(rim[row, column]))
         if choice == OURS and ended is not None:
             lifted = ended.state
     if isinstance(proposal := _proposal(analysis), GraspProposal):
-        tried[OURS]["proposal"] = proposal.to_json()
+        tried[OURS] = dataclasses.replace(tried[OURS], proposal=proposal.to_json())
     vertices = [cloth.vertices(state).astype(np.float32) for state in (start, lifted)]
     save_archive(
         folder / VERTICES,
         {"flat_height": cloth.flat_height},
         {"v0": vertices[0], "v1": vertices[1], "triangles": cloth.triangles},
     )
-    return {
-        "wrinkles": len(analysis.wrinkles),
-        "coverage": truth.coverage,
-        "height": truth.height,
-        "choices": tried,
-    }
+    return GraspRun(
+        wrinkles=len(analysis.wrinkles), coverage=truth.coverage, height=truth.height, choices=tried
+    )
 
 
 @cache
@@ -143,7 +136,7 @@ def _place(analysis: Analysis, choice: str, rng: np.random.Generator) -> Place |
 
 def _attempt(
     cloth: Cloth, start: ClothState, place: Place | NoGrasp, planner: PinchPlanner
-) -> tuple[dict[str, Any], Lift | None]:
+) -> tuple[Attempt, Lift | None]:
     """Plan, pinch and lift at a place; what came of it, with the cause where it failed."""
     if isinstance(place, NoGrasp):
         return _failed("no ridge", place.reason), None
@@ -151,7 +144,7 @@ def _attempt(
     if isinstance(plan, NoPinch):
         return _failed(plan.cause, plan.reason), None
     held = catch(cloth, start, plan.X_WT, planner.blades, planner.opening)
-    report = {
+    report: dict[str, Any] = {
         "arm": plan.arm,
         "turntable": plan.turntable,
         "tilt": plan.tilt,
@@ -165,20 +158,20 @@ def _attempt(
         "misplaced": _misplaced(cloth, start, plan, planner),
     }
     if not held.caught:
-        return {**_failed("not caught", held.reason), **report}, None
+        return _failed("not caught", held.reason, report), None
     try:
         ended = lift(cloth, start, held, hand=plan.arm, height=LIFT)
     except ClothError as error:
-        return {**_failed("solver", str(error)), **report}, None
+        return _failed("solver", str(error), report), None
     report |= {"area": ended.area, "weight": ended.weight}
     if ended.area < LEAST_AREA:
         text = f"only {1e4 * ended.area:.1f} cm2 were lifted"
-        return {**_failed("not lifted", text), **report}, ended
-    return {"success": True, "cause": None, "reason": None, **report}, ended
+        return _failed("not lifted", text, report), ended
+    return Attempt(success=True, **report), ended
 
 
-def _failed(cause: str, reason: str) -> dict[str, Any]:
-    return {"success": False, "cause": cause, "reason": reason}
+def _failed(cause: str, reason: str, report: Mapping[str, Any] | None = None) -> Attempt:
+    return Attempt(success=False, cause=cause, reason=reason, **(report or {}))
 
 
 def _tips(held: Catch, planner: PinchPlanner) -> list[list[list[float]]]:
@@ -193,7 +186,7 @@ def _tips(held: Catch, planner: PinchPlanner) -> list[list[list[float]]]:
 
 def _misplaced(
     cloth: Cloth, start: ClothState, plan: PinchPlan, planner: PinchPlanner
-) -> list[float]:
+) -> tuple[float, ...]:
     """For each of MISPLACED the share of eight directions in which the blades still catch cloth."""
     shares = []
     for distance in MISPLACED:
@@ -203,4 +196,4 @@ def _misplaced(
             X_WT[:2, 3] += distance * np.array([np.cos(angle), np.sin(angle)])
             hits += catch(cloth, start, X_WT, planner.blades, planner.opening).caught
         shares.append(hits / 8)
-    return shares
+    return tuple(shares)

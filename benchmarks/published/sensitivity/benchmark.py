@@ -1,10 +1,9 @@
-"""`unwrinkle bench levers`: what each setting of the loop, the cloth and the sensor does to
+"""`unwrinkle bench sensitivity`: what each setting of the loop, the cloth and the sensor does to
 crumpled towels.
 """
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,12 +11,13 @@ from matplotlib.figure import Figure
 
 from benchmarks.harness.plots import OURS, PUBLISHED, save
 from benchmarks.harness.report import Progress
-from benchmarks.harness.statistics import mean_interval
+from benchmarks.harness.statistics import Spread, mean_interval
 from benchmarks.harness.trials import run_trials, trials_wall
 from benchmarks.published.figures import run_figures
+from benchmarks.published.loop_trials import LoopTrial
 from benchmarks.published.sensitivity.conditions import (
     ACTIONS,
-    CELLS,
+    CONDITIONS,
     DEFAULT,
     QUICK,
     QUICK_ACTIONS,
@@ -25,100 +25,110 @@ from benchmarks.published.sensitivity.conditions import (
     core_minutes,
 )
 from benchmarks.published.sensitivity.page import page
+from benchmarks.published.sensitivity.results import (
+    ConditionFigures,
+    MoreFigures,
+    SensitivityResult,
+)
 
 
-def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
-    """Flatten the same crumpled towels in every cell, each of which changes one thing.
+def run(*, quick: bool, seed: int, progress: Progress) -> SensitivityResult:
+    """Flatten the same crumpled towels in every condition, each of which changes one thing.
 
     Args:
-        quick: two cells, one start, at most two actions, small pictures.
+        quick: two conditions, one start, at most two actions, small pictures.
         seed: of the first start.
-        progress: told of every finished run, and first of what the board costs.
+        progress: told of every finished run, and first of what it costs.
     """
-    cells = QUICK if quick else CELLS
-    rows = [cell.rows(seed, quick=quick) for cell in cells]
-    count = sum(len(of) for of in rows)
+    conditions = QUICK if quick else CONDITIONS
+    trials = [condition.trials(seed, quick=quick) for condition in conditions]
+    count = sum(len(of) for of in trials)
     if not quick:
-        progress(0, count, f"levers: {count} runs, about {core_minutes(cells):.0f} core-minutes")
-    found = run_trials("levers", [row for of in rows for row in of], progress)
+        progress(
+            0,
+            count,
+            f"sensitivity: {count} runs, about {core_minutes(conditions):.0f} core-minutes",
+        )
+    found = run_trials("sensitivity", [trial for of in trials for trial in of], LoopTrial, progress)
     done = iter(found)
-    runs = [[next(done) for _ in of] for of in rows]
-    default = {cell.look: of for cell, of in zip(cells, runs, strict=True) if cell.is_default}
-    return {
-        "trials_wall": trials_wall(found),
-        "most_actions": QUICK_ACTIONS if quick else ACTIONS,
-        "expected_core_minutes": None if quick else core_minutes(cells),
-        "cells": [
-            {
-                "lever": cell.lever,
-                "value": cell.value,
-                "look": cell.look,
-                "loop": cell.loop,
-                "sensor": cell.sensor,
-                "material": cell.material,
-                **cell_figures(of),
-                "to_default": None if cell.is_default else paired(of, default[cell.look]),
-            }
-            for cell, of in zip(cells, runs, strict=True)
-        ],
-        "runs": [run for of in runs for run in of],
+    runs = [[next(done) for _ in of] for of in trials]
+    default = {
+        condition.look: of
+        for condition, of in zip(conditions, runs, strict=True)
+        if condition.is_default
     }
+    return SensitivityResult(
+        trials_wall=trials_wall(found),
+        most_actions=QUICK_ACTIONS if quick else ACTIONS,
+        expected_core_minutes=None if quick else core_minutes(conditions),
+        conditions=tuple(
+            [
+                ConditionFigures(
+                    setting=condition.setting,
+                    value=condition.value,
+                    look=condition.look,
+                    loop=condition.loop,
+                    sensor=condition.sensor,
+                    material=condition.material,
+                    **vars(condition_figures(of)),
+                    to_default=None
+                    if condition.is_default
+                    else paired(of, default[condition.look]),
+                )
+                for condition, of in zip(conditions, runs, strict=True)
+            ]
+        ),
+        runs=tuple(run for of in runs for run in of),
+    )
 
 
-def cell_figures(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """The figures of one cell: those of `run_figures`, and others."""
-    covered = mean_interval([run["coverages"][-1] for run in runs])
+def condition_figures(runs: Sequence[LoopTrial]) -> MoreFigures:
+    """The figures of one condition: those of `run_figures`, and others."""
+    covered = mean_interval([run.coverages[-1] for run in runs])
     assert covered is not None
-    return {
-        **run_figures(runs),
-        "coverage_interval": [covered.low, covered.high],
-        "single": sum(run["single"] for run in runs),
-    }
+    return MoreFigures(
+        **vars(run_figures(runs)),
+        coverage_interval=(covered.low, covered.high),
+        single=sum(run.single for run in runs),
+    )
 
 
-def paired(
-    runs: Sequence[dict[str, Any]], default: Sequence[dict[str, Any]]
-) -> dict[str, Any] | None:
+def paired(runs: Sequence[LoopTrial], default: Sequence[LoopTrial]) -> Spread | None:
     """How many actions more than the default's on the same starts: mean and interval.
 
     None without a common start.
     """
-    of = {run["settings"]["seed"]: run["actions"] for run in default}
-    more = [
-        run["actions"] - of[run["settings"]["seed"]]
-        for run in runs
-        if run["settings"]["seed"] in of
-    ]
-    spread = mean_interval(more)
-    return None if spread is None else spread.to_json()
+    of = {run.settings["seed"]: run.actions for run in default}
+    more = [run.actions - of[run.settings["seed"]] for run in runs if run.settings["seed"] in of]
+    return mean_interval(more)
 
 
-def table(results: dict[str, Any]) -> str:
+def table(results: SensitivityResult) -> str:
     """The page."""
     return page(results)
 
 
-def plot(results: dict[str, Any], path: Path) -> None:
-    """Draw a panel for each lever.
+def plot(results: SensitivityResult, path: Path) -> None:
+    """Draw a panel for each setting.
 
     Each value's runs, their mean and its interval, beside the default's.
     """
-    cells = results["cells"]
+    conditions = results.conditions
     panels: list[tuple[str, str]] = []
-    for cell in cells:
-        if cell["lever"] != DEFAULT and (cell["lever"], cell["look"]) not in panels:
-            panels.append((cell["lever"], cell["look"]))
+    for condition in conditions:
+        if condition.setting != DEFAULT and (condition.setting, condition.look) not in panels:
+            panels.append((condition.setting, condition.look))
     columns = min(3, len(panels))
     count = -(-len(panels) // columns)
     figure = Figure(figsize=(4.6 * columns, 2.5 * count), layout="constrained")
     grid = figure.subplots(count, columns, squeeze=False)
     for axes in grid.flat[len(panels) :]:
         axes.set_axis_off()
-    most = max(cell["rni_interval"][1] for cell in cells)
-    for axes, (lever, look) in zip(grid.flat, panels, strict=False):
-        of = [cell for cell in cells if cell["look"] == look]
-        shown = [cell for cell in of if cell["lever"] in (DEFAULT, lever)]
-        _panel(axes, f"{lever} ({'stereo head' if look == STEREO else 'true maps'})", shown)
+    most = max(condition.rni_interval[1] for condition in conditions)
+    for axes, (setting, look) in zip(grid.flat, panels, strict=False):
+        of = [condition for condition in conditions if condition.look == look]
+        shown = [condition for condition in of if condition.setting in (DEFAULT, setting)]
+        _panel(axes, f"{setting} ({'stereo head' if look == STEREO else 'true maps'})", shown)
         axes.set_xlim(0.0, 1.15 * most + 0.3)
     for axes in grid[-1]:
         axes.set_xlabel("actions until the detector says flat")
@@ -128,25 +138,25 @@ def plot(results: dict[str, Any], path: Path) -> None:
     save(figure, path)
 
 
-def _panel(axes: Axes, title: str, cells: list[dict[str, Any]]) -> None:
-    places = np.arange(len(cells))[::-1]
-    means = np.array([cell["rni_mean"] for cell in cells])
-    ends = np.array([cell["rni_interval"] for cell in cells]).T
+def _panel(axes: Axes, title: str, conditions: Sequence[ConditionFigures]) -> None:
+    places = np.arange(len(conditions))[::-1]
+    means = np.array([condition.rni_mean for condition in conditions])
+    ends = np.array([condition.rni_interval for condition in conditions]).T
     error = np.maximum(np.stack([means - ends[0], ends[1] - means]), 0.0)
     axes.axvline(means[0], color=PUBLISHED, linewidth=1.0, linestyle="--")
     axes.errorbar(means, places, xerr=error, fmt="o", color=OURS, ecolor="black", capsize=3)
-    for place, cell in zip(places, cells, strict=True):
-        flat = f"{cell['flat_by_truth']} of {cell['runs']} flat"
+    for place, condition in zip(places, conditions, strict=True):
+        flat = f"{condition.flat_by_truth} of {condition.runs} flat"
         axes.annotate(
             flat,
-            (cell["rni_interval"][1], place),
+            (condition.rni_interval[1], place),
             (6, 0),
             textcoords="offset points",
             va="center",
             fontsize=7,
             color="gray",
         )
-    axes.set_yticks(places, [cell["value"] or DEFAULT for cell in cells], fontsize=8)
-    axes.set_ylim(-0.6, len(cells) - 0.4)
+    axes.set_yticks(places, [condition.value or DEFAULT for condition in conditions], fontsize=8)
+    axes.set_ylim(-0.6, len(conditions) - 0.4)
     axes.set_title(title, fontsize=10, loc="left")
     axes.spines[["top", "right"]].set_visible(False)

@@ -1,4 +1,4 @@
-"""The cells of the levers' board: each changes one thing about the default loop."""
+"""The conditions of the benchmark: each changes one thing about the default loop."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,7 +16,7 @@ STEREO, TRUTH = "stereo", "truth"
 #: Core-seconds of a run, about: on true maps, and by the size of the pictures.
 _TRUTH_COST = 15.0
 _PICTURE_COSTS = {0.25: 18.0, 0.5: 35.0, 1.0: 80.0}
-#: Starts of a cell: of rules that may become the default, of the other rules, of the cloth's
+#: Starts of a condition: of rules that may become the default, of the other rules, of the cloth's
 #: material, of the sensor.
 MANY_STARTS, _RULE_STARTS, _CLOTH_STARTS, _SENSOR_STARTS = 10, 5, 3, 3
 
@@ -24,11 +24,11 @@ _MATERIAL = load_material(Scenario().station.garment.material)
 
 
 @dataclass(frozen=True)
-class Cell:
-    """One value of one lever.
+class Condition:
+    """One value of one setting.
 
     Attributes:
-        lever: what is changed.
+        setting: what is changed.
         value: to what, in words.
         starts: how many.
         look: STEREO or TRUTH.
@@ -36,7 +36,7 @@ class Cell:
         material: of the cloth, what differs once the start lies.
     """
 
-    lever: str
+    setting: str
     value: str
     starts: int
     look: str
@@ -55,14 +55,16 @@ class Cell:
         scale = self.sensor.get("scale", Scenario().sensor.scale)
         return self.starts * (_TRUTH_COST if self.look == TRUTH else _PICTURE_COSTS[scale])
 
-    def rows(self, seed: int, *, quick: bool = False) -> list[Trial]:
-        """Its runs; the start and the loop of the k-th are those of the k-th of every other cell."""
+    def trials(self, seed: int, *, quick: bool = False) -> list[Trial]:
+        """Its runs; the start and the loop of the k-th are those of the k-th of every other condition."""
         sensor = {"kind": self.look, **({"scale": 0.25} if quick else {}), **self.sensor}
         scenario = {
             "loop": {"actions": QUICK_ACTIONS if quick else ACTIONS, **self.loop},
             "sensor": sensor,
         }
-        name = "".join(c if c.isalnum() else "-" for c in f"{self.look} {self.lever} {self.value}")
+        name = "".join(
+            c if c.isalnum() else "-" for c in f"{self.look} {self.setting} {self.value}"
+        )
         return [
             Trial(
                 f"{name}-{k}",
@@ -78,16 +80,16 @@ class Cell:
         ]
 
 
-def _rule(lever: str, value: str, starts: int = _RULE_STARTS, **loop: Any) -> Cell:
-    return Cell(lever, value, starts, TRUTH, loop=loop)
+def _rule(setting: str, value: str, starts: int = _RULE_STARTS, **loop: Any) -> Condition:
+    return Condition(setting, value, starts, TRUTH, loop=loop)
 
 
-def _cloth(lever: str, value: str, **material: float) -> Cell:
-    return Cell(lever, value, _CLOTH_STARTS, TRUTH, material=material)
+def _cloth(setting: str, value: str, **material: float) -> Condition:
+    return Condition(setting, value, _CLOTH_STARTS, TRUTH, material=material)
 
 
-def _sensor(lever: str, value: str, **sensor: float) -> Cell:
-    return Cell(lever, value, _SENSOR_STARTS, STEREO, sensor=sensor)
+def _sensor(setting: str, value: str, **sensor: float) -> Condition:
+    return Condition(setting, value, _SENSOR_STARTS, STEREO, sensor=sensor)
 
 
 def _bending(factor: float) -> dict[str, float]:
@@ -98,7 +100,7 @@ _ALONE: dict[str, Any] = {"pull_gain": 1.0, "pull_extra": 0.0}
 _BOTH: dict[str, Any] = {"order": "together", "pull": "section"}
 DEFAULT = "default"
 
-CELLS = (
+CONDITIONS = (
     _rule(DEFAULT, "", MANY_STARTS),
     _rule("pull distance", "paper x 1.2 + 4 mm", mode="paper"),
     _rule("pull distance", "between x 1.2 + 4 mm", mode="between"),
@@ -119,7 +121,7 @@ CELLS = (
     _cloth("stiffness", "bending x 0.5", **_bending(0.5)),
     _cloth("stiffness", "bending x 2", **_bending(2.0)),
     _cloth("stiffness", "stretch x 4", stretch=4.0 * _MATERIAL.stretch),
-    Cell(DEFAULT, "", _SENSOR_STARTS, STEREO),
+    Condition(DEFAULT, "", _SENSOR_STARTS, STEREO),
     _sensor("stereo noise", "x 0", noise=0.0),
     _sensor("stereo noise", "x 2", noise=2.0),
     _sensor("stereo noise", "x 4", noise=4.0),
@@ -128,9 +130,9 @@ CELLS = (
 )
 
 #: What a quick run takes.
-QUICK = CELLS[:2]
+QUICK = CONDITIONS[:2]
 
 
-def core_minutes(cells: tuple[Cell, ...] = CELLS) -> float:
-    """What the cells cost, about, in minutes of one core."""
-    return sum(cell.seconds for cell in cells) / 60.0
+def core_minutes(conditions: tuple[Condition, ...] = CONDITIONS) -> float:
+    """What the conditions cost, about, in minutes of one core."""
+    return sum(condition.seconds for condition in conditions) / 60.0

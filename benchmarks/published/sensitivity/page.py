@@ -1,9 +1,10 @@
-"""The page of the levers' board."""
+"""The page of the benchmark."""
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
 
+from benchmarks.harness.statistics import Spread
 from benchmarks.published.sensitivity.conditions import DEFAULT, MANY_STARTS, STEREO, TRUTH
+from benchmarks.published.sensitivity.results import ConditionFigures, SensitivityResult
 
 _LOOKS = {
     TRUTH: "Rules and cloth: seen as true maps with the stereo head's noise",
@@ -13,18 +14,18 @@ _LOOKS = {
 _TELLING = 4
 
 
-def page(results: dict[str, Any]) -> str:
+def page(results: SensitivityResult) -> str:
     """Tables by what looked, and what follows for the defaults.
 
     Args:
-        results: as `levers.run` returns them.
+        results: as `sensitivity.run` returns them.
     """
-    cells = results["cells"]
+    conditions = results.conditions
     lines = [
         (
-            "**Cloth and robot are simulated.** Crumpled towels (bunched), flattened by the whole loop; each cell changes one thing "
-            f"about the default, at most {results['most_actions']} actions. The k-th start of every cell is the same: where the "
-            "cloth's material is the lever, the towel is bunched as the default one, gets the other material and settles. The "
+            "**Cloth and robot are simulated.** Crumpled towels (bunched), flattened by the whole loop; each condition changes one thing "
+            f"about the default, at most {results.most_actions} actions. The k-th start of every condition is the same: where the "
+            "cloth's material is the setting, the towel is bunched as the default one, gets the other material and settles. The "
             "published rules are: the largest wrinkle first, through its centre, by Eq. 5 between the contours (paper, alone). The "
             "samples are small: read the intervals, not the means. What has nothing to do with pictures is run on true maps, at a "
             "third of the cost of rendered pictures and on more starts for it; the default stands in both tables."
@@ -36,83 +37,83 @@ def page(results: dict[str, Any]) -> str:
         ),
     ]
     for look, title in _LOOKS.items():
-        of = [cell for cell in cells if cell["look"] == look]
+        of = [condition for condition in conditions if condition.look == look]
         if of:
             lines += ["", f"## {title}", "", *_table(of)]
-    return "\n".join([*lines, "", "## Defaults chosen, and why", "", *_verdict(cells), ""])
+    return "\n".join([*lines, "", "## Defaults chosen, and why", "", *_verdict(conditions), ""])
 
 
-def _table(cells: list[dict[str, Any]]) -> list[str]:
+def _table(conditions: Sequence[ConditionFigures]) -> list[str]:
     lines = [
         (
-            "| lever | value | runs | actions: mean (std) | 95 % of mean | more than the default, same starts (95 %) | ended flat "
+            "| setting | value | runs | actions: mean (std) | 95 % of mean | more than the default, same starts (95 %) | ended flat "
             "| flat by truth | missed grasps | coverage at the end, mean | true height, most | overstretch, most |"
         ),
         "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
-    for c in cells:
-        low, high = c["rni_interval"]
-        count = c["runs"]
+    for c in conditions:
+        low, high = c.rni_interval
+        count = c.runs
         lines.append(
-            f"| {c['lever']} | {c['value']} | {count} | {c['rni_mean']:.1f} ({c['rni_std']:.2f}) | {low:.1f} to {high:.1f} "
-            f"| {_difference(c['to_default'])} | {count - c['unfinished']} of {count} | {c['flat_by_truth']} of {count} "
-            f"| {c['missed']} | {100 * c['coverage_mean']:.1f} % | {1e3 * c['height_max']:.1f} mm | {100 * c['overstretch_max']:.1f} % |"
+            f"| {c.setting} | {c.value} | {count} | {c.rni_mean:.1f} ({c.rni_std:.2f}) | {low:.1f} to {high:.1f} "
+            f"| {_difference(c.to_default)} | {count - c.unfinished} of {count} | {c.flat_by_truth} of {count} "
+            f"| {c.missed} | {100 * c.coverage_mean:.1f} % | {1e3 * c.height_max:.1f} mm | {100 * c.overstretch_max:.1f} % |"
         )
     return lines
 
 
-def _difference(spread: dict[str, Any] | None) -> str:
+def _difference(spread: Spread | None) -> str:
     if spread is None:
         return "-"
-    return f"{spread['mean']:+.1f} ({spread['low']:+.1f} to {spread['high']:+.1f})"
+    return f"{spread.mean:+.1f} ({spread.low:+.1f} to {spread.high:+.1f})"
 
 
-def _name(cell: dict[str, Any]) -> str:
-    what = f"{cell['lever']} {cell['value']}".strip()
-    return what if cell["look"] == STEREO else f"{what}, on true maps"
+def _name(condition: ConditionFigures) -> str:
+    what = f"{condition.setting} {condition.value}".strip()
+    return what if condition.look == STEREO else f"{what}, on true maps"
 
 
-def _verdict(cells: list[dict[str, Any]]) -> list[str]:
+def _verdict(conditions: Sequence[ConditionFigures]) -> list[str]:
     """What beats the default, or is worse, by more than its interval.
 
     And what leaves towels that are not flat.
     """
     changed = [
-        c
-        for c in cells
-        if c["lever"] != DEFAULT and c["to_default"] and c["to_default"]["count"] >= _TELLING
+        (c, c.to_default)
+        for c in conditions
+        if c.setting != DEFAULT and c.to_default and c.to_default.count >= _TELLING
     ]
     lines = []
-    sorts: tuple[tuple[str, Callable[[dict[str, Any]], bool]], ...] = (
+    sorts: tuple[tuple[str, Callable[[Spread], bool]], ...] = (
         (
             "Fewer actions than the default by more than the interval (four starts or more)",
-            lambda s: s["high"] < 0.0,
+            lambda s: s.high < 0.0,
         ),
         (
             "More actions than the default by more than the interval (four starts or more)",
-            lambda s: s["low"] > 0.0,
+            lambda s: s.low > 0.0,
         ),
     )
     for text, tells in sorts:
         found = [
-            f"{_name(c)} ({_difference(c['to_default'])}, {c['runs']} starts)"
-            for c in changed
-            if tells(c["to_default"])
+            f"{_name(c)} ({_difference(more)}, {c.runs} starts)"
+            for c, more in changed
+            if tells(more)
         ]
         lines.append(f"- {text}: {'; '.join(found) or 'none'}.")
     left = [
-        f"{_name(c)} ({c['flat_by_truth']} of {c['runs']})"
-        for c in cells
-        if c["flat_by_truth"] < c["runs"]
+        f"{_name(c)} ({c.flat_by_truth} of {c.runs})"
+        for c in conditions
+        if c.flat_by_truth < c.runs
     ]
     lines.append(f"- Towels that are not flat by truth at the end: {'; '.join(left) or 'none'}.")
     lines.append(
-        "- A default is changed only by a cell of the scenario's `loop` that needs fewer actions by more than its interval, on "
+        "- A default is changed only by a condition of the scenario's `loop` that needs fewer actions by more than its interval, on "
         f"{MANY_STARTS} starts or more, and leaves no towel unflat; friction, stiffness, noise and image size are not chosen but given: what counts "
         "there is that the loop ends flat all the same."
     )
-    rules = [c for c in changed if c["loop"] and c["runs"] >= MANY_STARTS]
-    better = [c for c in rules if c["to_default"]["high"] < 0.0 and c["flat_by_truth"] == c["runs"]]
+    rules = [(c, more) for c, more in changed if c.loop and c.runs >= MANY_STARTS]
+    better = [c for c, more in rules if more.high < 0.0 and c.flat_by_truth == c.runs]
     what = "; ".join(_name(c) for c in better)
     lines.append(
         (
