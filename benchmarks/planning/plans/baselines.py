@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.planning.plans.results import DrakeFigures, RrtFigures
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import FlatteningTarget
@@ -26,8 +27,8 @@ _RRT_BUDGET = 5.0  # s for one of the eight legs
 _RESOLUTION = 0.002  # of the space's extent, for OMPL's edge checks
 
 
-def drake_baseline(cell: Cell, targets: list[FlatteningTarget]) -> dict[str, Any]:
-    """The same search with SNOPT solving each pose in place of the closed form."""
+def drake_baseline(cell: Cell, targets: list[FlatteningTarget]) -> DrakeFigures:
+    """Run the same search with SNOPT solving each pose in place of the closed form."""
     settings = replace(PlannerSettings(), budget=_DRAKE_BUDGET)
     contact = CollisionModel(cell, contact=True)
     search = MotionSearch(cell, settings, DrakeInverseKinematics(cell), contact)
@@ -38,18 +39,18 @@ def drake_baseline(cell: Cell, targets: list[FlatteningTarget]) -> dict[str, Any
         times.append(time.perf_counter() - clock)
         found += motion is not None
         late += log.out_of_time
-    return {
-        "tasks": len(targets),
-        "dual_arm_success": found / len(targets),
-        "out_of_time": late,
-        "budget": _DRAKE_BUDGET,
-        "search_time_median": float(np.median(times)),
-        "search_time_p95": float(np.percentile(times, 95)),
-    }
+    return DrakeFigures(
+        tasks=len(targets),
+        dual_arm_success=found / len(targets),
+        out_of_time=late,
+        budget=_DRAKE_BUDGET,
+        search_time_median=float(np.median(times)),
+        search_time_p95=float(np.percentile(times, 95)),
+    )
 
 
-def rrt_baseline(cell: Cell, targets: list[FlatteningTarget]) -> dict[str, Any]:
-    """OMPL's RRT-Connect between the seven poses (and home), each leg a polyline timed with a stop
+def rrt_baseline(cell: Cell, targets: list[FlatteningTarget]) -> RrtFigures:
+    """Run OMPL's RRT-Connect between the seven poses (and home), each leg a polyline timed with a stop
     at every corner.
 
     The poses' configurations come from the own search, since RRT-Connect has none; what it does not
@@ -59,7 +60,7 @@ def rrt_baseline(cell: Cell, targets: list[FlatteningTarget]) -> dict[str, Any]:
     try:
         from ompl import util
     except ImportError:
-        return {"tasks": 0, "skipped": "needs the extra 'bench' (ompl)"}
+        return RrtFigures(tasks=0, skipped="needs the extra 'bench' (ompl)")
     util.setLogLevel(util.LogLevel.LOG_ERROR)
     util.RNG.setSeed(1)
     settings, kinematics = PlannerSettings(), Kinematics(cell)
@@ -86,16 +87,16 @@ def rrt_baseline(cell: Cell, targets: list[FlatteningTarget]) -> dict[str, Any]:
     def median(values: list[float]) -> float | None:
         return float(np.median(values)) if values else None
 
-    return {
-        "tasks": len(targets),
-        "dual_arm_success": solved / len(targets),
-        "planning_time_median": median(times),
-        "planning_time_max": max(times, default=None),
-        "motion_time_median": median(motions),
-        "deviation_median": median(strays),
-        "deviation_max": max(strays, default=None),
-        "stretch_max": max(stretches, default=None),
-    }
+    return RrtFigures(
+        tasks=len(targets),
+        dual_arm_success=solved / len(targets),
+        planning_time_median=median(times),
+        planning_time_max=max(times, default=None),
+        motion_time_median=median(motions),
+        deviation_median=median(strays),
+        deviation_max=max(strays, default=None),
+        stretch_max=max(stretches, default=None),
+    )
 
 
 def _pose_configurations(motion: SevenPoseMotion) -> list[Array]:

@@ -4,10 +4,10 @@ Of plans' transits, and of random lines at several speeds.
 """
 
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
+from benchmarks.planning.plans.results import LineFigures
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
 from unwrinkle.planning.search.planner import PlanResult
@@ -39,8 +39,8 @@ def line_deviation(result: PlanResult) -> float:
     return max(_off(samples, points) for samples, points in ways)
 
 
-def random_lines(cell: Cell, seed: int, count: int) -> list[dict[str, Any]]:
-    """Random lines through the whole joint space, every other one a tenth as long.
+def random_lines(cell: Cell, seed: int, count: int) -> tuple[LineFigures, ...]:
+    """Time random lines through the whole joint space, every other one a tenth as long.
 
     Per speed how well they are kept.
     """
@@ -59,18 +59,18 @@ def random_lines(cell: Cell, seed: int, count: int) -> list[dict[str, Any]]:
             ratios = sent_ratios(sent.times, sent.positions, sent.velocities, limits)
             worst = np.maximum(worst, ratios)
         rows.append(
-            {
-                "speed": speed,
-                "period": period,
-                "lines": count,
-                "off": sum(value > OFF for value in off),
-                "deviation_max": max(off),
-                "worst_velocity_ratio_sent": float(worst[0]),
-                "worst_acceleration_ratio_sent": float(worst[1]),
-                "worst_jerk_ratio_sent": float(worst[2]),
-            }
+            LineFigures(
+                speed=speed,
+                period=period,
+                lines=count,
+                off=sum(value > OFF for value in off),
+                deviation_max=max(off),
+                worst_velocity_ratio_sent=float(worst[0]),
+                worst_acceleration_ratio_sent=float(worst[1]),
+                worst_jerk_ratio_sent=float(worst[2]),
+            )
         )
-    return rows
+    return tuple(rows)
 
 
 def _off(samples: Array, points: Array) -> float:

@@ -7,14 +7,13 @@ over their length, rest before and after included: where acceleration jumps, as 
 limit, that grows without bound with the sampling rate.
 """
 
-from typing import Any
-
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial import cKDTree
 
 from benchmarks.planning.trajectories.methods import Failure, Result, Samples
 from benchmarks.planning.trajectories.paths import Piece
+from benchmarks.planning.trajectories.results import Judgement, PieceFailure
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.limits import Limits
 from unwrinkle.planning.robot.kinematics import Kinematics
@@ -32,28 +31,22 @@ _BETWEEN = 4  # looks at the motion per sample interval
 
 def judge(
     pieces: tuple[Piece, ...], result: Result, limits: Limits, kinematics: Kinematics
-) -> dict[str, Any]:
-    """Figures of one method on one path, over all its pieces.
+) -> Judgement:
+    """Judge one method on one path, over all its pieces.
 
     Args:
         pieces: of the path.
         result: what the method gave for each.
         limits: full limits.
         kinematics: of the tool centre points.
-
-    Returns:
-        `failures` (reasons by piece); if there are none `duration` (s), `durations`, and for every
-        quantity of `QUANTITIES` its worst `ratio` to the limit and the number of `violations`
-        (sample intervals times axes); `deviation` of either tool centre point (m) and
-        `joint_deviation` (rad) from the path's nearest point.
     """
     failures = [
-        {"piece": piece.name, "reason": samples.reason}
+        PieceFailure(piece.name, samples.reason)
         for piece, samples in zip(pieces, result, strict=True)
         if isinstance(samples, Failure)
     ]
     if failures:
-        return {"failures": failures}
+        return Judgement(failures=tuple(failures), ratio={}, violations={})
     solved = [
         (piece, samples)
         for piece, samples in zip(pieces, result, strict=True)
@@ -61,20 +54,19 @@ def judge(
     ]
     rows = [_judge_piece(piece, samples, limits, kinematics) for piece, samples in solved]
     durations = [float(samples[0][-1]) for _, samples in solved]
-    return {
-        "failures": [],
-        "duration": sum(durations),
-        "durations": durations,
-        "ratio": {name: max(row["ratio"][name] for row in rows) for name in QUANTITIES},
-        "violations": {name: sum(row["violations"][name] for row in rows) for name in QUANTITIES},
-        "deviation": max(row["deviation"] for row in rows),
-        "joint_deviation": max(row["joint_deviation"] for row in rows),
-    }
+    return Judgement(
+        duration=sum(durations),
+        durations=tuple(durations),
+        ratio={name: max(row.ratio[name] for row in rows) for name in QUANTITIES},
+        violations={name: sum(row.violations[name] for row in rows) for name in QUANTITIES},
+        deviation=max(row.deviation for row in rows),
+        joint_deviation=max(row.joint_deviation for row in rows),
+    )
 
 
 def _judge_piece(
     piece: Piece, samples: Samples, limits: Limits, kinematics: Kinematics
-) -> dict[str, Any]:
+) -> Judgement:
     ratios = limit_ratios(samples, limits)
     t, q, v = samples
     fine = np.unique(np.linspace(t[:-1], t[1:], _BETWEEN + 1).ravel())
@@ -85,12 +77,12 @@ def _judge_piece(
     curve = piece.path().spline(np.linspace(0.0, 1.0, _CURVE))
     curve_tips = kinematics.tcp_positions(curve)
     away = [np.linalg.norm(offsets(tips[:, arm], curve_tips[:, arm]), axis=1) for arm in (0, 1)]
-    return {
-        "ratio": {name: float(x.max()) for name, x in ratios.items()},
-        "violations": {name: int(np.sum(x > 1.0 + TOLERANCE)) for name, x in ratios.items()},
-        "deviation": float(max(x.max() for x in away)),
-        "joint_deviation": float(np.abs(offsets(taken, curve)).max()),
-    }
+    return Judgement(
+        ratio={name: float(x.max()) for name, x in ratios.items()},
+        violations={name: int(np.sum(x > 1.0 + TOLERANCE)) for name, x in ratios.items()},
+        deviation=float(max(x.max() for x in away)),
+        joint_deviation=float(np.abs(offsets(taken, curve)).max()),
+    )
 
 
 def limit_ratios(samples: Samples, limits: Limits) -> dict[str, Array]:

@@ -1,7 +1,6 @@
-"""The trajectories board's page and figure."""
+"""The page of the benchmark `trajectories`, and its figure."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,6 +9,13 @@ from matplotlib.figure import Figure
 from benchmarks.planning.trajectories.measures import limit_ratios
 from benchmarks.planning.trajectories.methods import METHODS, Failure
 from benchmarks.planning.trajectories.paths import load_paths
+from benchmarks.planning.trajectories.results import (
+    MedianMax,
+    MethodFigures,
+    OptimumFigures,
+    StartFigures,
+    TrajectoriesResult,
+)
 from benchmarks.planning.trajectories.trials import find, problem_of
 
 _COLOURS = {
@@ -27,65 +33,65 @@ _PIECE = 1  # the approach
 _FLOOR = 1e-5  # mm, of the logarithmic axis
 
 
-def page(results: dict[str, Any]) -> str:
+def page(results: TrajectoriesResult) -> str:
     """The results as Markdown."""
-    head, about, judge = results["headline"], results["set"], results["judge"]
+    head, about, judge = results.headline, results.set, results.judge
     met, clean = (
-        ", ".join(METHODS[key][0] for key in head[which]) or "none"
-        for which in ("target_met_by", "clean_on_every_path")
+        ", ".join(METHODS[key][0] for key in keys) or "none"
+        for keys in (head.target_met_by, head.clean_on_every_path)
     )
     lines = [
         (
-            f"{about['timed']} of the {about['paths']} seven-pose paths of `{about['file']}` (SHA-256 "
-            f"{about['sha256'][:16]}; see the README beside it), timed under the same limits. The robot is a model: "
+            f"{about.timed} of the {about.paths} seven-pose paths of `{about.file}` (SHA-256 "
+            f"{about.sha256[:16]}; see the README beside it), timed under the same limits. The robot is a model: "
             "its accelerations and jerks are assumed, and nothing here ran on a machine. MoveIt 2's way is "
             "re-implemented from its behaviour, with toppra in the place of its TOTG."
         ),
         "",
         (
-            f"Target: no violation, no deviation, at most {head['target_ratio']:.2f} times toppra's jerk-free "
-            f"time, on every path. It is met by: **{met}**. Ours (`timing: {{smoothing: optimal}}`, the default) takes {head['ours_ratio_median']:.3f} (median) and "
-            f"{head['ours_ratio_max']:.3f} (worst) times that; {head['ours_clean_paths']} of {about['timed']} paths "
-            f"without a violation or a deviation (worst {1e6 * head['ours_deviation_max']:.2f} um). Under the same limits "
-            f"an independent nonlinear programme is faster by {_percent(head['ours_over_programme'])} (median, worst) of a "
+            f"Target: no violation, no deviation, at most {head.target_ratio:.2f} times toppra's jerk-free "
+            f"time, on every path. It is met by: **{met}**. Ours (`timing: {{smoothing: optimal}}`, the default) takes {head.ours_ratio_median:.3f} (median) and "
+            f"{head.ours_ratio_max:.3f} (worst) times that; {head.ours_clean_paths} of {about.timed} paths "
+            f"without a violation or a deviation (worst {1e6 * (head.ours_deviation_max or 0.0):.2f} um). Under the same limits "
+            f"an independent nonlinear programme is faster by {_percent(head.ours_over_programme)} (median, worst) of a "
             f"whole path. Without a violation or a "
             f"deviation on every path: {clean}."
         ),
         "",
-        *_main(results["methods"]),
+        *_main(results.methods),
         "",
         (
             f"Time is that in motion, over toppra's optimum without a jerk limit at full limits; all methods stop at "
-            f"the same six places, keep {100 * judge['margin']:.1f} % below every limit, and end on a sample "
-            f"(period {1e3 * judge['period']:.0f} ms, tracking {1e3 * judge['tracking_period']:.0f} ms). Violations "
-            f"count sample intervals times axes beyond the full limits (relative tolerance {judge['tolerance']:.0e}) "
+            f"the same six places, keep {100 * judge.margin:.1f} % below every limit, and end on a sample "
+            f"(period {1e3 * judge.period:.0f} ms, tracking {1e3 * judge.tracking_period:.0f} ms). Violations "
+            f"count sample intervals times axes beyond the full limits (relative tolerance {judge.tolerance:.0e}) "
             "in the cubics that the controller runs between samples; where acceleration jumps from sample to sample, "
             "those cubics overshoot it, and jerk has no bound but the sampling rate. Deviation is the greatest "
             "distance of either tool centre point from the path's nearest point, between samples too; up to "
-            f"{1e3 * judge['no_deviation']:.2f} mm counts as none. CPU time is that of all five pieces; toppra's law, "
+            f"{1e3 * judge.no_deviation:.2f} mm counts as none. CPU time is that of all five pieces; toppra's law, "
             "which MoveIt 2 and the tracking start from, is counted under toppra alone, while ours include their own."
         ),
         "",
-        *_reasons(results["methods"]),
-        *_start(results["start"]),
+        *_reasons(results.methods),
+        *_start(results.start),
         "## How near to the optimum",
         "",
-        *_optimum(results["optimum"]),
+        *_optimum(results.optimum),
         "",
         "## By group",
         "",
-        *_groups(results["groups"]),
+        *_groups(results.groups),
         "",
         (
-            "To time the set with other software: read the file with NumPy (five lines in `benchmarks/paths/README.md`), "
+            "To time the set with other software: read the file with NumPy (five lines in `benchmarks/planning/trajectories/path_set/README.md`), "
             "time each piece from rest to rest under the limits in its header, and compare the sum over the five "
-            "pieces with `rows[].jerk_free` in this page's JSON."
+            "pieces with `paths[].jerk_free` in this page's JSON."
         ),
     ]
     return "\n".join([*lines, ""])
 
 
-def _main(methods: dict[str, Any]) -> list[str]:
+def _main(methods: dict[str, MethodFigures]) -> list[str]:
     lines = [
         (
             "| method | failed | clean paths | time / jerk-free, median (max) | violations v, a, j, tip "
@@ -96,64 +102,64 @@ def _main(methods: dict[str, Any]) -> list[str]:
     for key, (label, _) in METHODS.items():
         row = methods[key]
         label = f"**{label}**" if key == "ours" else label
-        head = f"| {label} | {row['failed']} | {row['clean']} of {row['paths']} "
-        if row["failed"] == row["paths"]:
+        head = f"| {label} | {row.failed} | {row.clean} of {row.paths} "
+        if row.failed == row.paths:
             lines.append(head + "| | | | | | |")
             continue
-        worst = ", ".join(f"{value:.3g}" for value in row["worst"].values())
+        worst = ", ".join(f"{value:.3g}" for value in row.worst.values())
         lines.append(
-            head + f"| {row['ratio']['median']:.3f} ({row['ratio']['max']:.3f}) "
-            f"| {', '.join(str(n) for n in row['violations'].values())} | {worst} "
-            f"| {_mm(row['deviation']['median'])} ({_mm(row['deviation']['max'])}) "
-            f"| {row['joint_deviation']['max']:.1e} | {row['computing']['median']:.2f} |"
+            head + f"| {row.ratio.median:.3f} ({row.ratio.max:.3f}) "
+            f"| {', '.join(str(n) for n in row.violations.values())} | {worst} "
+            f"| {_mm(row.deviation.median)} ({_mm(row.deviation.max)}) "
+            f"| {row.joint_deviation.max:.1e} | {row.computing.median:.2f} |"
         )
     return lines
 
 
-def _percent(spread: dict[str, float]) -> str:
+def _percent(spread: MedianMax) -> str:
     """Median and worst of times over the programme's, as what the programme saves."""
-    median, worst = (100.0 * (1.0 - 1.0 / spread[key]) for key in ("median", "max"))
+    median, worst = (100.0 * (1.0 - 1.0 / (value or 1.0)) for value in (spread.median, spread.max))
     return f"{median:.1f} % and {worst:.1f} %"
 
 
-def _mm(value: float) -> str:
+def _mm(value: float | None) -> str:
+    if value is None:
+        return "-"
     return f"{1e3 * value:.4f}" if value < 1e-5 else f"{1e3 * value:.3g}"
 
 
-def _reasons(methods: dict[str, Any]) -> list[str]:
+def _reasons(methods: dict[str, MethodFigures]) -> list[str]:
     lines = [
-        f"- {METHODS[key][0]}, {row['failed_pieces']} pieces: {'; '.join(row['reasons'])}"
+        f"- {METHODS[key][0]}, {row.failed_pieces} pieces: {'; '.join(row.reasons)}"
         for key, row in methods.items()
-        if row["reasons"]
+        if row.reasons
     ]
     return ["Why methods failed:", "", *lines, ""] if lines else []
 
 
-def _start(start: dict[str, Any]) -> list[str]:
-    if not start["paths"]:
+def _start(start: StartFigures) -> list[str]:
+    if not start.paths:
         return []
-    ratio, own, without = (
-        start[key] for key in ("duration_ratio", "computing", "computing_without")
-    )
+    ratio, own, without = start.duration_ratio, start.computing, start.computing_without
     return [
         "## What the start from toppra's profile does",
         "",
         (
-            f"`optimal` started from toppra's profile takes {ratio['median']:.5f} (median; {ratio['min']:.5f} to "
-            f"{ratio['max']:.5f}) times the motion time that it takes when it starts from a constant, on {start['paths']} paths. "
-            f"CPU time, toppra included: {1e3 * own['median']:.0f} ms (median) against {1e3 * without['median']:.0f} ms."
+            f"`optimal` started from toppra's profile takes {ratio.median:.5f} (median; {ratio.min:.5f} to "
+            f"{ratio.max:.5f}) times the motion time that it takes when it starts from a constant, on {start.paths} paths. "
+            f"CPU time, toppra included: {1e3 * (own.median or 0.0):.0f} ms (median) against {1e3 * (without.median or 0.0):.0f} ms."
         ),
         "",
     ]
 
 
-def _optimum(optimum: dict[str, Any]) -> list[str]:
-    apart, computing = optimum["starts_apart"], optimum["computing"]
+def _optimum(optimum: OptimumFigures) -> list[str]:
+    apart, computing = optimum.starts_apart, optimum.computing
     lines = [
         (
             "Straight lines (the transits) are timed at the optimum: a phase-synchronised ruckig motion is the fastest on a "
             "line. Along curves ours is compared with an independent nonlinear programme over s(t) (direct "
-            f"transcription in time, 120 intervals of constant third derivative, {optimum['programmes']} pieces). Its "
+            f"transcription in time, 120 intervals of constant third derivative, {optimum.programmes} pieces). Its "
             "limits hold at its nodes, so that its time is slightly too small, and ours over it slightly too large. "
             "The lower bound is certain but not reachable in general: the greater of toppra's jerk-free time and the "
             "time that the slowest axis alone needs from end to end with its jerk limit."
@@ -165,15 +171,15 @@ def _optimum(optimum: dict[str, Any]) -> list[str]:
         ),
         "|---|---|---|---|---|---|",
     ]
-    for name, row in optimum["pieces"].items():
+    for name, row in optimum.pieces.items():
         cells = [
-            f"{row[key]['median']:.4f} ({row[key]['max']:.4f})"
-            for key in (
-                "law_over_refined",
-                "sent_over_refined",
-                "dense_over_refined",
-                "refined_over_jerk_free",
-                "refined_over_bound",
+            f"{each.median:.4f} ({each.max:.4f})"
+            for each in (
+                row.law_over_refined,
+                row.sent_over_refined,
+                row.dense_over_refined,
+                row.refined_over_jerk_free,
+                row.refined_over_bound,
             )
         ]
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
@@ -183,19 +189,19 @@ def _optimum(optimum: dict[str, Any]) -> list[str]:
             "As sent there are also the margin below the limits and the rounding to samples. "
             + (
                 f"Started from a fifth-order polynomial in time besides from ours, the programme ends at the same time on "
-                f"{optimum['second_starts']} pieces, {100 * apart['max']:.2f} % apart at most. "
-                if apart["max"] is not None
+                f"{optimum.second_starts} pieces, {100 * (apart.max or 0.0):.2f} % apart at most. "
+                if apart.max is not None
                 else ""
             )
-            + f"It takes {computing['median']:.1f} s (median) a piece and start, ours some hundredths of a second for three."
+            + f"It takes {computing.median:.1f} s (median) a piece and start, ours some hundredths of a second for three."
         ),
     ]
     return lines
 
 
-def _groups(groups: dict[str, Any]) -> list[str]:
-    names = [name for name, rows in groups.items() if rows["ours"]["paths"]]
-    titles = " | ".join(f"{name} ({groups[name]['ours']['paths']} paths)" for name in names)
+def _groups(groups: dict[str, dict[str, MethodFigures]]) -> list[str]:
+    names = [name for name, rows in groups.items() if rows["ours"].paths]
+    titles = " | ".join(f"{name} ({groups[name]['ours'].paths} paths)" for name in names)
     lines = [
         "Time over toppra's jerk-free time, median (max); greatest deviation, mm:",
         "",
@@ -208,15 +214,14 @@ def _groups(groups: dict[str, Any]) -> list[str]:
             row = groups[name][key]
             cells.append(
                 "failed"
-                if row["ratio"]["median"] is None
-                else f"{row['ratio']['median']:.3f} ({row['ratio']['max']:.3f}); "
-                f"{_mm(row['deviation']['max'])}"
+                if row.ratio.median is None
+                else f"{row.ratio.median:.3f} ({row.ratio.max:.3f}); {_mm(row.deviation.max)}"
             )
         lines.append(f"| {label} | " + " | ".join(cells) + " |")
     return lines
 
 
-def draw(results: dict[str, Any], file: Path) -> None:
+def draw(results: TrajectoriesResult, file: Path) -> None:
     """Duration over deviation, one point per path and method.
 
     Beside it one axis of one approach over time.
@@ -227,15 +232,15 @@ def draw(results: dict[str, Any], file: Path) -> None:
     for key, (label, _) in METHODS.items():
         points = [
             (
-                1e3 * row["methods"][key]["deviation"],
-                row["methods"][key]["duration"] / row["jerk_free"],
+                1e3 * row.methods[key].deviation,
+                row.methods[key].duration / row.jerk_free,
             )
-            for row in results["rows"]
-            if not row["methods"][key]["failures"]
+            for row in results.paths
+            if not row.methods[key].failures
         ]
         if points:
             deviation, ratio = np.array(points).T
-            violations = sum(results["methods"][key]["violations"].values())
+            violations = sum(results.methods[key].violations.values())
             axes.scatter(
                 np.maximum(deviation, _FLOOR),
                 ratio,
@@ -244,7 +249,7 @@ def draw(results: dict[str, Any], file: Path) -> None:
                 marker="x" if violations else "o",
                 label=label,
             )
-    axes.axhline(results["headline"]["target_ratio"], color="0.5", linestyle=":", linewidth=1)
+    axes.axhline(results.headline.target_ratio, color="0.5", linestyle=":", linewidth=1)
     axes.set(
         xscale="log",
         yscale="log",
@@ -255,7 +260,7 @@ def draw(results: dict[str, Any], file: Path) -> None:
     axes.set_yticks([1, 1.2, 1.4, 2, 3, 4, 5], ["1", "1.2", "1.4", "2", "3", "4", "5"])
     axes.minorticks_off()
     axes.legend(fontsize=8)
-    _draw_example(results["rows"][0]["path"], [figure.add_subplot(grid[i, 1]) for i in range(3)])
+    _draw_example(results.paths[0].path, [figure.add_subplot(grid[i, 1]) for i in range(3)])
     figure.savefig(file, dpi=90)
 
 

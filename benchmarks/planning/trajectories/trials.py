@@ -1,7 +1,4 @@
-"""The work of one row of the trajectories board.
-
-Every method on one path, and how near ours comes to the optimum.
-"""
+"""One trial of the benchmark `trajectories`: every method on one path, and how near ours comes to the optimum."""
 
 import dataclasses as dc
 import time
@@ -22,6 +19,7 @@ from benchmarks.planning.trajectories.paths import (
     SevenPosePath,
     load_paths,
 )
+from benchmarks.planning.trajectories.results import Judgement, PieceOptimum, TimedPath
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.limits import Limits
@@ -39,7 +37,7 @@ MARGIN = PlannerSettings().margin
 _INTERVALS = 120  # of the programme that ours is compared with
 
 
-def timed(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
+def timed(settings: dict[str, Any], folder: Path) -> TimedPath:
     """Time and judge one path.
 
     Args:
@@ -57,21 +55,21 @@ def timed(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
     kinematics = Kinematics(load_cell())
     problem = problem_of(path, paths.limits)
     assert problem.paths  # the curves are built before the clock runs; toppra's laws are not
-    methods: dict[str, Any] = {}
+    methods: dict[str, Judgement] = {}
     for key, (_, method) in METHODS.items():
         clock = time.process_time()
         result = method(problem)
         computing = time.process_time() - clock
         row = judge(path.pieces, result, paths.limits, kinematics)
-        methods[key] = {**row, "computing": computing}
-    optimum = [_optimum(piece, paths.limits, settings["starts"]) for piece in path.pieces]
-    return {
-        "path": path.name,
-        "group": path.group,
-        "jerk_free": sum(piece["jerk_free"] for piece in optimum),
-        "methods": methods,
-        "optimum": optimum,
-    }
+        methods[key] = dc.replace(row, computing=computing)
+    optimum = tuple(_optimum(piece, paths.limits, settings["starts"]) for piece in path.pieces)
+    return TimedPath(
+        path=path.name,
+        group=path.group,
+        jerk_free=sum(piece.jerk_free for piece in optimum),
+        methods=methods,
+        optimum=optimum,
+    )
 
 
 def find(paths: PathSet, name: str) -> SevenPosePath:
@@ -99,7 +97,7 @@ def problem_of(path: SevenPosePath, limits: Limits) -> Problem:
     return Problem(path.pieces, less)
 
 
-def _optimum(piece: Piece, limits: Limits, starts: int) -> dict[str, Any]:
+def _optimum(piece: Piece, limits: Limits, starts: int) -> PieceOptimum:
     """Times of one piece under the full limits, s.
 
     Without jerk limit, the lower bound, the programme's, and our law's.
@@ -107,17 +105,17 @@ def _optimum(piece: Piece, limits: Limits, starts: int) -> dict[str, Any]:
     if piece.name in (NAMES[i] for i in LINES):
         exact = time_line(piece.q[0], piece.q[-1], limits, 0.0, 1.0)[3]
         free = jerk_free_line_time(piece.q[0], piece.q[-1], limits)
-        return {
-            "piece": piece.name,
-            "jerk_free": free,
-            "bound": exact,
-            "refined": exact,
-            "refined_dense": exact,
-            "law": exact,
-            "starts": [],
-            "programmes": 0,
-            "computing": 0.0,
-        }
+        return PieceOptimum(
+            piece=piece.name,
+            jerk_free=free,
+            bound=exact,
+            refined=exact,
+            refined_dense=exact,
+            law=exact,
+            starts=(),
+            programmes=0,
+            computing=0.0,
+        )
     tip_speed = limits.tip_speed_holding if piece.holding else None
     path = piece.path()
     full = PathLimits(limits.velocity, limits.acceleration, limits.jerk, tip_speed)
@@ -131,17 +129,17 @@ def _optimum(piece: Piece, limits: Limits, starts: int) -> dict[str, Any]:
     found = [programme.solve(begin) for begin in begins]
     computing = time.process_time() - clock
     free = jerk_free_time(path, limits, tip_speed)
-    return {
-        "piece": piece.name,
-        "jerk_free": free,
-        "bound": max(free, joint_bound(piece.q, limits)),
-        "refined": min(x.duration for x in found),
-        "refined_dense": min(x.dense for x in found),
-        "law": law.duration,
-        "starts": [x.duration for x in found],
-        "programmes": sum(x.steps for x in found),
-        "computing": computing,
-    }
+    return PieceOptimum(
+        piece=piece.name,
+        jerk_free=free,
+        bound=max(free, joint_bound(piece.q, limits)),
+        refined=min(x.duration for x in found),
+        refined_dense=min(x.dense for x in found),
+        law=law.duration,
+        starts=tuple(x.duration for x in found),
+        programmes=sum(x.steps for x in found),
+        computing=computing,
+    )
 
 
 def _parameters(path: JointPath, q: Array) -> Array:
