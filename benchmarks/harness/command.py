@@ -2,13 +2,12 @@
 
 import sys
 import time
-import typing
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import Progress, TimeElapsedColumn
 
-from benchmarks.harness.registry import Benchmark, find
+from benchmarks.harness.registry import Benchmark, find, results_type
 from benchmarks.harness.report import Report, load_report, make_report, page
 from benchmarks.harness.results import to_json
 from unwrinkle.models.errors import InputError
@@ -30,9 +29,9 @@ def run_benchmark(
         name: of the benchmark.
         quick: take a smaller sample.
         seed: of all random numbers.
-        kept: JSON file of an earlier run; nothing is run.
+        kept: JSON file of an earlier run; nothing is run, and no figure drawn.
         json: file for the report.
-        markdown: file for the page; the figure is written beside it.
+        markdown: file for the page; the figure of a run is written beside it.
 
     Raises:
         InputError: there is no such benchmark, `kept` is no report of it, or a file cannot be
@@ -42,7 +41,7 @@ def run_benchmark(
     if kept is None:
         report = _measured(benchmark, name, quick=quick, seed=seed)
     else:
-        report = load_report(kept, typing.get_type_hints(benchmark.run)["return"])
+        report = load_report(kept, results_type(benchmark))
         if report.benchmark != name:
             raise InputError(f"{kept}: is a report of {report.benchmark}, not of {name}")
     text = page(report, benchmark.table(report.results))
@@ -52,7 +51,7 @@ def run_benchmark(
     if markdown is not None:
         write_text(markdown, text)
         plot = getattr(benchmark, "plot", None)  # some benchmarks draw a figure beside their table
-        if plot is not None:
+        if plot is not None and kept is None:  # figures show trials that are not in the report
             plot(report.results, markdown.with_suffix(".png"))
 
 

@@ -1,6 +1,7 @@
 """The benchmarks by name."""
 
 import importlib
+import typing
 from typing import Any, Protocol, cast
 
 from benchmarks.harness.report import Progress
@@ -50,3 +51,8 @@ def find(name: str) -> Benchmark:
     if name not in MODULES:
         raise InputError(f"there is no benchmark {name!r}; known are {', '.join(sorted(MODULES))}")
     return cast("Benchmark", importlib.import_module(MODULES[name]))
+
+
+def results_type(benchmark: Benchmark) -> Any:
+    """Return the type of the results of a benchmark."""
+    return typing.get_type_hints(benchmark.run)["return"]

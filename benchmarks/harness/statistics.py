@@ -43,9 +43,12 @@ class Spread:
 
 def mean_interval(values: Sequence[float]) -> Spread | None:
     """Return the spread of a sample; None for an empty one."""
+    return spread(values) if len(values) else None
+
+
+def spread(values: Sequence[float]) -> Spread:
+    """Return the spread of a sample that is not empty."""
     sample = np.asarray(values, dtype=float)
-    if sample.size == 0:
-        return None
     mean = float(sample.mean())
     std = float(sample.std(ddof=1)) if sample.size > 1 else 0.0
     low = high = mean

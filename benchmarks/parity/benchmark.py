@@ -3,13 +3,23 @@
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
 from benchmarks.harness.report import Progress
+from benchmarks.parity.results import (
+    AgainstPlan,
+    BothAgainstPlan,
+    ClosedLoop,
+    ClothDistance,
+    ClothDistances,
+    Differences,
+    JointDifference,
+    ParityResult,
+    Stopping,
+)
 from benchmarks.parity.station_runs import Setting, StationRun, first_plan, run_on_station
 from unwrinkle.closed_loop.executed_motion import MeasuredSegment, check_execution
 from unwrinkle.flattening.state import SupervisorSettings
@@ -35,7 +45,7 @@ _LATER = 0.204
 _HOLDS = 0.1
 
 
-def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
+def run(*, quick: bool, seed: int, progress: Progress) -> ParityResult:
     """Run the first plan of the default towel in each form.
 
     Smaller pictures and no closed loop if quick.
@@ -57,87 +67,83 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
         records = read_run_log(path)
         differences = _differences(sim, loopback)
         progress(3, parts, "loopback in phase")
-        phases = _phases(sim, differences["lags"], scenario.station.cloth_step)
+        phases = _phases(sim, differences.lags, scenario.station.cloth_step)
         in_phase = _through_drivers(setting, plan, path.with_stem("in-phase"), phases)
     progress(4, parts, "sim later")
     late = run_on_station(setting.sim(), setting.cloth, plan, {"approach": (1.0, _LATER)})
     progress(5, parts, "closed loop")
-    return {
-        "seed": seed,
-        "plan": plan.content_hash[:12],
-        "axes": list(setting.cell.robot.axes),
-        "duration": plan.motion_time,
-        "against_plan": {
-            "sim": _against_plan(sim, plan, setting.cell, dict.fromkeys(sim.names, 0.0)),
-            "loopback": _against_plan(loopback, plan, setting.cell, differences["lags"]),
-        },
-        "loopback": differences,
-        "log": _apart(sim, loopback, records.measured.times, records.measured.positions),
-        "cloth": {
-            "in_phase": _distances(sim.cloth, in_phase.cloth),
-            "loopback": _distances(sim.cloth, loopback.cloth),
-            "sim_later": _distances(sim.cloth, late.cloth),
-        },
-        "stops": {f"{rate:g}": _stops(plan, setting.cell, rate) for rate in (1.0, 0.2)},
-        "stopping": {f"{rate:g}": _stopping(plan, setting.cell, rate) for rate in (1.0, 0.2)},
-        "closed_loop": None if quick else _closed_loop(setting),
-        "held": bool(sim.holding and loopback.holding),
-        "records": len(records.measured.times),
-        "points": len(records.commanded.times),
-    }
+    return ParityResult(
+        seed=seed,
+        plan=plan.content_hash[:12],
+        axes=tuple(setting.cell.robot.axes),
+        duration=plan.motion_time,
+        against_plan=BothAgainstPlan(
+            sim=_against_plan(sim, plan, setting.cell, dict.fromkeys(sim.names, 0.0)),
+            loopback=_against_plan(loopback, plan, setting.cell, differences.lags),
+        ),
+        loopback=differences,
+        log=_apart(sim, loopback, records.measured.times, records.measured.positions),
+        cloth=ClothDistances(
+            in_phase=_distances(sim.cloth, in_phase.cloth),
+            loopback=_distances(sim.cloth, loopback.cloth),
+            sim_later=_distances(sim.cloth, late.cloth),
+        ),
+        stops={f"{rate:g}": _stops(plan, setting.cell, rate) for rate in (1.0, 0.2)},
+        stopping={f"{rate:g}": _stopping(plan, setting.cell, rate) for rate in (1.0, 0.2)},
+        closed_loop=None if quick else _closed_loop(setting),
+        held=bool(sim.holding and loopback.holding),
+        records=len(records.measured.times),
+        points=len(records.commanded.times),
+    )
 
 
-def table(results: dict[str, Any]) -> str:
+def table(results: ParityResult) -> str:
     """Return the headlines and a row per joint."""
-    sim, loopback = (results["against_plan"][form] for form in ("sim", "loopback"))
-    worst = max(row["max"] for row in results["loopback"]["joints"])
-    logged = max(row["max"] for row in results["log"]["joints"])
-    cloth = results["cloth"]
+    sim, loopback = results.against_plan.sim, results.against_plan.loopback
+    worst = max(row.max for row in results.loopback.joints)
+    logged = max(row.max for row in results.log.joints)
+    cloth = results.cloth
     lines = [
         (
-            f"Plan {results['plan']}, {results['duration']:.2f} s of motion: the first one of the default towel. `loopback`: the "
+            f"Plan {results.plan}, {results.duration:.2f} s of motion: the first one of the default towel. `loopback`: the "
             "drivers over TCP and serial lines to the virtual devices, whose joints drive the same plant. `log`: what the "
-            f"driver wrote down of it, {results['records']} sets of feedback and {results['points']} points."
+            f"driver wrote down of it, {results.records} sets of feedback and {results.points} points."
         ),
         "",
         "| what | target | measured |",
         "|---|---|---|",
         f"| loopback against sim, any joint, after the lag | 0.5 mrad | {1e3 * worst:.3f} mrad |",
         f"| log against sim, any joint, after the lag | | {1e3 * logged:.3f} mrad |",
-        f"| grippers' distance against the plan: sim | 3 mm | {1e3 * sim['grip_distance_error']:.3f} mm |",
-        f"| grippers' distance against the plan: loopback | 3 mm | {1e3 * loopback['grip_distance_error']:.3f} mm |",
-        f"| following error after lag: sim, loopback | | {1e3 * sim['error']:.3f}, {1e3 * loopback['error']:.3f} mrad |",
-        f"| cloth in the end against sim, worst vertex (RMS): loopback, in phase with the cloth's clock | 2 mm | {_mm(cloth['in_phase'])} |",
-        f"| as soon as each step is done | | {_mm(cloth['loopback'])} |",
-        f"| for comparison: sim against itself, begun 4 ms later | | {_mm(cloth['sim_later'])} |",
-        f"| limits or clearances broken: sim, loopback | 0 | {len(sim['violations'])}, {len(loopback['violations'])} |",
+        f"| grippers' distance against the plan: sim | 3 mm | {1e3 * sim.grip_distance_error:.3f} mm |",
+        f"| grippers' distance against the plan: loopback | 3 mm | {1e3 * loopback.grip_distance_error:.3f} mm |",
+        f"| following error after lag: sim, loopback | | {1e3 * sim.error:.3f}, {1e3 * loopback.error:.3f} mrad |",
+        f"| cloth in the end against sim, worst vertex (RMS): loopback, in phase with the cloth's clock | 2 mm | {_mm(cloth.in_phase)} |",
+        f"| as soon as each step is done | | {_mm(cloth.loopback)} |",
+        f"| for comparison: sim against itself, begun 4 ms later | | {_mm(cloth.sim_later)} |",
+        f"| limits or clearances broken: sim, loopback | 0 | {len(sim.violations)}, {len(loopback.violations)} |",
         *(
             f"| braking along the path at {float(rate):.0%} of the planned speed, median (worst of {len(times)}); the lead "
             f"of {loopback_site().controller.lead:g} s comes before it | | {np.median(times):.2f} s ({max(times):.2f} s) |"
-            for rate, times in results["stops"].items()
+            for rate, times in results.stops.items()
         ),
-        *_stopping_rows(results["stopping"]),
-        *_loop_rows(results["closed_loop"]),
+        *_stopping_rows(results.stopping),
+        *_loop_rows(results.closed_loop),
         "",
         "Lag of the segments behind the simulation's, from the command on (servo power, start of the job, the pause between "
         "trajectories included): "
-        + ", ".join(f"{name} {lag:.3f} s" for name, lag in results["loopback"]["lags"].items())
+        + ", ".join(f"{name} {lag:.3f} s" for name, lag in results.loopback.lags.items())
         + ".",
         "",
         "| joint | loopback: max | RMS | log: max | RMS |",
         "|---|---|---|---|---|",
     ]
-    for axis, a, b in zip(
-        results["axes"], results["loopback"]["joints"], results["log"]["joints"], strict=True
-    ):
-        numbers = " | ".join(
-            f"{1e3 * v:.4f} mrad" for v in (a["max"], a["rms"], b["max"], b["rms"])
-        )
+    for axis, a, b in zip(results.axes, results.loopback.joints, results.log.joints, strict=True):
+        numbers = " | ".join(f"{1e3 * v:.4f} mrad" for v in (a.max, a.rms, b.max, b.rms))
         lines.append(f"| {axis} | {numbers} |")
     return "\n".join(lines)
 
 
-def _stops(plan: FlatteningPlan, cell: Cell, rate: float) -> list[float]:
+def _stops(plan: FlatteningPlan, cell: Cell, rate: float) -> tuple[float, ...]:
     """Times from the last point before a hold to rest, s, for holds all over a plan."""
     limits, times = StreamLimits.of(cell.limits), []
     for segment in plan.segments:
@@ -148,10 +154,10 @@ def _stops(plan: FlatteningPlan, cell: Cell, rate: float) -> list[float]:
             points = clock.next_until(np.inf)
             if points:
                 times.append(points[-1].time - before)
-    return times
+    return tuple(times)
 
 
-def _stopping(plan: FlatteningPlan, cell: Cell, rate: float) -> dict[str, list[float]]:
+def _stopping(plan: FlatteningPlan, cell: Cell, rate: float) -> Stopping:
     """Time and way of the tips from a stop to rest, for stops all over a plan: s and m.
 
     A hold comes after the points that are on their way (`lead`), brakes along the path, and is seen
@@ -185,7 +191,7 @@ def _stopping(plan: FlatteningPlan, cell: Cell, rate: float) -> dict[str, list[f
             found["stop_way"].append(
                 _tips_way(cell, np.vstack([curve(np.linspace(seen, s, 24)), end]))
             )
-    return found
+    return Stopping(**{name: tuple(values) for name, values in found.items()})
 
 
 def _tips_way(cell: Cell, positions: Array) -> float:
@@ -196,7 +202,7 @@ def _tips_way(cell: Cell, positions: Array) -> float:
     return float(steps.sum(axis=0).max())
 
 
-def _stopping_rows(stopping: dict[str, dict[str, list[float]]]) -> list[str]:
+def _stopping_rows(stopping: dict[str, Stopping]) -> list[str]:
     delay = VirtualControllerSettings().delay
     rows = []
     for rate, found in stopping.items():
@@ -207,7 +213,7 @@ def _stopping_rows(stopping: dict[str, dict[str, list[float]]]) -> list[str]:
             ),
             ("stop", "stop of all groups: queues emptied, servos brake by 10 rad/s² (assumed)"),
         ):
-            times, ways = found[f"{name}_time"], found[f"{name}_way"]
+            times, ways = getattr(found, f"{name}_time"), getattr(found, f"{name}_way")
             rows.append(
                 f"| {what}, then {delay:g} s of delay (assumed), at {float(rate):.0%} of the planned speed: from the order to "
                 f"rest, median (worst of {len(times)}); way of the tips meanwhile | | {np.median(times):.2f} s "
@@ -216,7 +222,7 @@ def _stopping_rows(stopping: dict[str, dict[str, list[float]]]) -> list[str]:
     return rows
 
 
-def _closed_loop(setting: Setting) -> dict[str, Any]:
+def _closed_loop(setting: Setting) -> ClosedLoop:
     """The default towel, flattened through the drivers."""
     clock = time.perf_counter()
     station = setting.loopback()
@@ -224,33 +230,33 @@ def _closed_loop(setting: Setting) -> dict[str, Any]:
         *_, (now, state) = setting.situations(station, SupervisorSettings.of_site(loopback_site()))
     finally:
         station.close()
-    return {
-        "status": now.status,
-        "actions": now.policy_state.actions,
-        "seconds": time.perf_counter() - clock,
-        "height": float(largest_height(setting.cloth, state)),
-        "coverage": float(coverage(setting.cloth, state)),
-    }
+    return ClosedLoop(
+        status=now.status,
+        actions=now.policy_state.actions,
+        seconds=time.perf_counter() - clock,
+        height=float(largest_height(setting.cloth, state)),
+        coverage=float(coverage(setting.cloth, state)),
+    )
 
 
-def _loop_rows(loop: dict[str, Any] | None) -> list[str]:
+def _loop_rows(loop: ClosedLoop | None) -> list[str]:
     if loop is None:
         return []
     return [
-        f"| closed loop through the drivers, the default towel: status, actions | flat | {loop['status']}, {loop['actions']} |",
-        f"| its true height and coverage in the end | 5 mm, 98 % | {1e3 * loop['height']:.1f} mm, {loop['coverage']:.1%} |",
-        f"| its wall clock | | {loop['seconds']:.0f} s |",
+        f"| closed loop through the drivers, the default towel: status, actions | flat | {loop.status}, {loop.actions} |",
+        f"| its true height and coverage in the end | 5 mm, 98 % | {1e3 * loop.height:.1f} mm, {loop.coverage:.1%} |",
+        f"| its wall clock | | {loop.seconds:.0f} s |",
     ]
 
 
-def _mm(distances: dict[str, float]) -> str:
-    return f"{1e3 * distances['worst']:.3f} mm ({1e3 * distances['rms']:.3f} mm)"
+def _mm(distances: ClothDistance) -> str:
+    return f"{1e3 * distances.worst:.3f} mm ({1e3 * distances.rms:.3f} mm)"
 
 
-def _distances(a: Array, b: Array) -> dict[str, float]:
+def _distances(a: Array, b: Array) -> ClothDistance:
     """Between two states (n, 3) of the cloth, m."""
     apart = np.linalg.norm(a - b, axis=1)
-    return {"worst": float(apart.max()), "rms": float(np.sqrt(np.mean(apart**2)))}
+    return ClothDistance(worst=float(apart.max()), rms=float(np.sqrt(np.mean(apart**2))))
 
 
 def _phases(
@@ -283,7 +289,7 @@ def _through_drivers(
 
 def _against_plan(
     run: StationRun, plan: FlatteningPlan, cell: Cell, lags: dict[str, float]
-) -> dict[str, Any]:
+) -> AgainstPlan:
     """Compare a run with the plan; `lags` are from the command to the motion, s."""
     motion, measured = run.motion, []
     for segment, (begin, end) in zip(plan.segments, run.spans, strict=True):
@@ -303,19 +309,19 @@ def _against_plan(
             )
         )
     check = check_execution(plan, cell, measured)
-    return {
-        "error": check.error_after_lag,
-        "grip_distance_error": check.grip_distance_error,
-        "violations": list(check.violations),
-    }
+    return AgainstPlan(
+        error=check.error_after_lag,
+        grip_distance_error=check.grip_distance_error,
+        violations=tuple(check.violations),
+    )
 
 
-def _differences(sim: StationRun, other: StationRun) -> dict[str, Any]:
+def _differences(sim: StationRun, other: StationRun) -> Differences:
     """Segment by segment, once the lag is taken out that leaves the least."""
     return _apart(sim, other, other.motion.times, other.motion.measured)
 
 
-def _apart(sim: StationRun, other: StationRun, times: Array, measured: Array) -> dict[str, Any]:
+def _apart(sim: StationRun, other: StationRun, times: Array, measured: Array) -> Differences:
     """Compare what was measured (n, 13), rad, at times (n,), s, of the other station's clock."""
     lags, left = {}, []
     for name, span, (start, end) in zip(sim.names, sim.spans, other.spans, strict=True):
@@ -325,10 +331,10 @@ def _apart(sim: StationRun, other: StationRun, times: Array, measured: Array) ->
         left.append(rest)
     rest = np.concatenate(left)
     joints = [
-        {"max": float(np.abs(column).max()), "rms": float(np.sqrt(np.mean(column**2)))}
+        JointDifference(max=float(np.abs(column).max()), rms=float(np.sqrt(np.mean(column**2))))
         for column in rest.T
     ]
-    return {"lags": lags, "joints": joints}
+    return Differences(lags, tuple(joints))
 
 
 def _lag(

@@ -6,7 +6,7 @@ contours, w = 2 s apart and h (1 - exp(-1/2)) below its top.
 
 import math
 import time
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -35,10 +35,52 @@ from unwrinkle.testing.towels import (
 _SIZES = ((1, 0.0005), (4, 0.00025), (16, 0.000125))
 
 
-def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
+@dataclass(frozen=True)
+class FlatCloth:
+    """Maps of flat cloth: seeds, those above the halting measure, largest pull, m."""
+
+    seeds: int
+    false_alarms: int
+    pull_max: float
+
+
+@dataclass(frozen=True)
+class SizeTimes:
+    """Range map to target at one size: megapixels, resolution, m, and times, s."""
+
+    megapixels: int
+    resolution: float
+    median: float
+    max: float
+    runs: int
+
+
+@dataclass(frozen=True)
+class AnalysisResult:
+    """Errors against closed forms, lengths in m, angles in rad; times in s."""
+
+    towels: int
+    ridges: int
+    ridges_missed: int
+    wrinkles_extra: int
+    width_error_max: float
+    width_error_median: float
+    chord_height_error_max: float
+    chord_height_error_median: float
+    direction_error_max: float
+    ranking_kept_fraction: float
+    crossings: int
+    crossings_separated_fraction: float
+    flat_cloth: dict[str, FlatCloth]
+    times: tuple[SizeTimes, ...]
+    range_map_to_target_time_median: float
+    stages: dict[str, float]
+    wrinkledness_time_median: float
+
+
+def run(*, quick: bool, seed: int, progress: Progress) -> AnalysisResult:
     """Measure. See the module; times in seconds, lengths in metres, angles in radians."""
     towels, crossings, flats = (10, 10, 10) if quick else (50, 50, 50)
-    results: dict[str, Any] = {}
     errors: dict[str, list[float]] = {"width": [], "chord_height": [], "direction": []}
     missed = extra = kept = 0
     for k in range(towels):
@@ -57,29 +99,29 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
         separated += crossing_separated(
             towel, analyse(map_of(towel, 0.0005, seed=seed + k), table=TABLE)
         )
-    results |= {
-        "towels": towels,
-        "ridges": sum(len(ridged_towel(seed + k).ridges) for k in range(towels)),
-        "ridges_missed": missed,
-        "wrinkles_extra": extra,
-        "width_error_max": max(errors["width"]),
-        "width_error_median": float(np.median(errors["width"])),
-        "chord_height_error_max": max(errors["chord_height"]),
-        "chord_height_error_median": float(np.median(errors["chord_height"])),
-        "direction_error_max": max(errors["direction"]),
-        "ranking_kept_fraction": kept / towels,
-        "crossings": crossings,
-        "crossings_separated_fraction": separated / crossings,
-    }
-    results["flat_cloth"] = _flat_cloth(flats, seed, progress)
-    results["times"] = _times(quick, seed, progress)
-    results["range_map_to_target_time_median"] = results["times"][0]["median"]
-    results["stages"] = _stages(seed, 5 if quick else 15)
-    results["wrinkledness_time_median"] = _wrinkledness_time(seed, 5 if quick else 15)
-    return results
+    times = _times(quick, seed, progress)
+    return AnalysisResult(
+        towels=towels,
+        ridges=sum(len(ridged_towel(seed + k).ridges) for k in range(towels)),
+        ridges_missed=missed,
+        wrinkles_extra=extra,
+        width_error_max=max(errors["width"]),
+        width_error_median=float(np.median(errors["width"])),
+        chord_height_error_max=max(errors["chord_height"]),
+        chord_height_error_median=float(np.median(errors["chord_height"])),
+        direction_error_max=max(errors["direction"]),
+        ranking_kept_fraction=kept / towels,
+        crossings=crossings,
+        crossings_separated_fraction=separated / crossings,
+        flat_cloth=_flat_cloth(flats, seed, progress),
+        times=times,
+        range_map_to_target_time_median=times[0].median,
+        stages=_stages(seed, 5 if quick else 15),
+        wrinkledness_time_median=_wrinkledness_time(seed, 5 if quick else 15),
+    )
 
 
-def _flat_cloth(seeds: int, seed: int, progress: Progress) -> dict[str, Any]:
+def _flat_cloth(seeds: int, seed: int, progress: Progress) -> dict[str, FlatCloth]:
     worst = {}
     for sensor in SENSORS:
         pulls, false_alarms = [], 0
@@ -88,11 +130,11 @@ def _flat_cloth(seeds: int, seed: int, progress: Progress) -> dict[str, Any]:
             analysis = analyse(flat_map(sensor, seed + k), table=TABLE)
             pulls.append(analysis.halting_measure)
             false_alarms += analysis.halting_measure >= analysis.profile.halting_pull
-        worst[sensor] = {"seeds": seeds, "false_alarms": false_alarms, "pull_max": max(pulls)}
+        worst[sensor] = FlatCloth(seeds, false_alarms, max(pulls))
     return worst
 
 
-def _times(quick: bool, seed: int, progress: Progress) -> list[dict[str, Any]]:
+def _times(quick: bool, seed: int, progress: Progress) -> tuple[SizeTimes, ...]:
     towel = ridged_towel(seed)
     times = []
     for index, (megapixels, resolution) in enumerate(_SIZES):
@@ -105,15 +147,15 @@ def _times(quick: bool, seed: int, progress: Progress) -> list[dict[str, Any]]:
             samples.append(time.perf_counter() - start)
             assert isinstance(target, FlatteningTarget)
         times.append(
-            {
-                "megapixels": megapixels,
-                "resolution": resolution,
-                "median": float(np.median(samples)),
-                "max": max(samples),
-                "runs": len(samples),
-            }
+            SizeTimes(
+                megapixels=megapixels,
+                resolution=resolution,
+                median=float(np.median(samples)),
+                max=max(samples),
+                runs=len(samples),
+            )
         )
-    return times
+    return tuple(times)
 
 
 def _stages(seed: int, runs: int) -> dict[str, float]:
@@ -162,47 +204,47 @@ def _wrinkledness_time(seed: int, runs: int) -> float:
     return float(np.median(samples))
 
 
-def table(results: dict[str, Any]) -> str:
+def table(results: AnalysisResult) -> str:
     """Return the results as Markdown."""
     rows = [
         "| range map | cells of | median | worst | runs |",
         "|---|---|---|---|---|",
     ]
     rows += [
-        f"| {t['megapixels']} MP | {1e3 * t['resolution']:.3f} mm | {1e3 * t['median']:.0f} ms "
-        f"| {1e3 * t['max']:.0f} ms | {t['runs']} |"
-        for t in results["times"]
+        f"| {t.megapixels} MP | {1e3 * t.resolution:.3f} mm | {1e3 * t.median:.0f} ms "
+        f"| {1e3 * t.max:.0f} ms | {t.runs} |"
+        for t in results.times
     ]
     rows += ["", "| stage, 1 MP | median |", "|---|---|"]
-    rows += [f"| {name} | {1e3 * taken:.1f} ms |" for name, taken in results["stages"].items()]
+    rows += [f"| {name} | {1e3 * taken:.1f} ms |" for name, taken in results.stages.items()]
     rows += [
-        f"| wrinkledness, 640 x 480 | {1e3 * results['wrinkledness_time_median']:.0f} ms |",
+        f"| wrinkledness, 640 x 480 | {1e3 * results.wrinkledness_time_median:.0f} ms |",
         "",
-        f"{results['ridges']} Gaussian ridges on {results['towels']} towels, 0.1 mm of noise:",
+        f"{results.ridges} Gaussian ridges on {results.towels} towels, 0.1 mm of noise:",
         "",
         "| | worst | median |",
         "|---|---|---|",
         (
-            f"| width against 2 sigma | {1e3 * results['width_error_max']:.2f} mm "
-            f"| {1e3 * results['width_error_median']:.2f} mm |"
+            f"| width against 2 sigma | {1e3 * results.width_error_max:.2f} mm "
+            f"| {1e3 * results.width_error_median:.2f} mm |"
         ),
         (
-            f"| chord height against (1 - exp(-1/2)) h | {1e3 * results['chord_height_error_max']:.2f} "
-            f"mm | {1e3 * results['chord_height_error_median']:.2f} mm |"
+            f"| chord height against (1 - exp(-1/2)) h | {1e3 * results.chord_height_error_max:.2f} "
+            f"mm | {1e3 * results.chord_height_error_median:.2f} mm |"
         ),
-        f"| direction | {math.degrees(results['direction_error_max']):.2f} deg | |",
+        f"| direction | {math.degrees(results.direction_error_max):.2f} deg | |",
         "",
         (
-            f"Missed ridges {results['ridges_missed']}, wrinkles too many {results['wrinkles_extra']}, "
-            f"ranking kept on {results['ranking_kept_fraction']:.0%} of the towels, two crossing ridges "
-            f"kept apart in {results['crossings_separated_fraction']:.0%} of {results['crossings']}."
+            f"Missed ridges {results.ridges_missed}, wrinkles too many {results.wrinkles_extra}, "
+            f"ranking kept on {results.ranking_kept_fraction:.0%} of the towels, two crossing ridges "
+            f"kept apart in {results.crossings_separated_fraction:.0%} of {results.crossings}."
         ),
         "",
         "| flat cloth | seeds | above the halting measure | largest pull |",
         "|---|---|---|---|",
     ]
     rows += [
-        f"| {name} | {flat['seeds']} | {flat['false_alarms']} | {1e3 * flat['pull_max']:.2f} mm |"
-        for name, flat in results["flat_cloth"].items()
+        f"| {name} | {flat.seeds} | {flat.false_alarms} | {1e3 * flat.pull_max:.2f} mm |"
+        for name, flat in results.flat_cloth.items()
     ]
     return "\n".join(rows) + "\n"

@@ -10,6 +10,8 @@ fixed board from 20 gazes. Its range maps at new gazes are compared with those o
 import logging
 import re
 import time
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -54,32 +56,142 @@ _QUICK_SCALE = 0.25
 _log = logging.getLogger(__name__)
 
 
-def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
+@dataclass(frozen=True)
+class ChessboardFigures:
+    """Real chessboards, calibrated.
+
+    Attributes:
+        pairs: found.
+        rms_px, row_error_px: px.
+        focal_px: of left and right, x and y; focal_sigma_px: their deviations.
+        focal_owner_px: as the owner has it; focal_difference_max: relative.
+        time: s.
+    """
+
+    pairs: int
+    rms_px: float
+    row_error_px: float
+    focal_px: tuple[float, ...]
+    focal_sigma_px: tuple[float, ...]
+    focal_owner_px: float
+    focal_difference_max: float
+    time: float
+
+
+@dataclass(frozen=True)
+class EyeErrors:
+    """Errors of one eye: turns in rad, shifts in m, of its mount by us and by Tsai-Lenz alone."""
+
+    turn: float
+    shift: float
+    tsai_turn: float
+    tsai_shift: float
+    turn_sigma: float
+    shift_sigma: float
+    focal_error: float
+    centre_error_px: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeadErrors:
+    """How far a calibration is from the truth, and what it says of itself; rad, m.
+
+    Attributes:
+        eyes: left and right.
+        base_turn, base_shift: of the right base.
+        joint_noise, rms_px, row_error_px: of the adjustment.
+    """
+
+    eyes: tuple[EyeErrors, ...]
+    base_turn: float
+    base_shift: float
+    joint_noise: float
+    rms_px: float
+    row_error_px: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SyntheticHead(HeadErrors):
+    """A head calibrated from corners with known noise; repeatability of the units in steps."""
+
+    seed: int
+    repeatability: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class RenderedHead(HeadErrors):
+    """A head calibrated from photographs in the rendered cell."""
+
+    repeatability: float
+    pairs: int
+    stereo_rms_px: float
+    corner_error_px: float
+    rejected: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class RangeMapErrors:
+    """RMS of height at a gaze, rad, by the head found and by the true one, m."""
+
+    gaze: tuple[float, ...]
+    rms: float
+    rms_true: float
+
+
+@dataclass(frozen=True)
+class CalibrationResult:
+    """Real chessboards, synthetic corners, and the rendered cell.
+
+    Attributes:
+        corner_noise_px: of the synthetic corners.
+        repeatability: of the units, steps.
+        real: None where the data is not at hand.
+        synthetic, rendered: heads.
+        range_maps: at new gazes.
+        mount_turn_error, mount_shift_error: of the first rendered head, rad, m.
+        range_map_ratio_max: of errors with the head found over those with the true one.
+    """
+
+    corner_noise_px: float
+    repeatability: float
+    real: ChessboardFigures | None
+    synthetic: tuple[SyntheticHead, ...]
+    rendered: tuple[RenderedHead, ...]
+    range_maps: tuple[RangeMapErrors, ...]
+    mount_turn_error: float
+    mount_shift_error: float
+    range_map_ratio_max: float | None = None
+
+
+def run(*, quick: bool, seed: int, progress: Progress) -> CalibrationResult:
     """Measure. Angles in radians, lengths in metres, pixels where the name says so."""
     heads = 3 if quick else 10
-    results: dict[str, Any] = {"corner_noise_px": _CORNER_NOISE, "repeatability": REPEATABILITY}
-    results["real"] = chessboards()
-    results["synthetic"] = [
+    real = chessboards()
+    synthetic = tuple(
         _synthetic(seed + number, repeatability, progress, done)
         for done, (number, repeatability) in enumerate(
             (n, r) for n in range(heads) for r in (0.0, REPEATABILITY)
         )
-    ]
-    _log.info("synthetic: %s", results["synthetic"])
+    )
+    _log.info("synthetic: %s", synthetic)
     scene = _RenderedCell(seed, quick)
-    results["rendered"] = scene.calibrations(progress)
-    results["range_maps"] = [] if quick else scene.range_maps(progress)
-    exact = results["rendered"][0]["eyes"]
-    results["mount_turn_error"] = max(eye["turn"] for eye in exact)
-    results["mount_shift_error"] = max(eye["shift"] for eye in exact)
-    if results["range_maps"]:
-        ratios = [row["rms"] / row["rms_true"] for row in results["range_maps"]]
-        results["range_map_ratio_max"] = max(ratios)
+    rendered = scene.calibrations(progress)
+    range_maps = () if quick else scene.range_maps(progress)
     progress(1, 1, "done")
-    return results
+    return CalibrationResult(
+        corner_noise_px=_CORNER_NOISE,
+        repeatability=REPEATABILITY,
+        real=real,
+        synthetic=synthetic,
+        rendered=rendered,
+        range_maps=range_maps,
+        mount_turn_error=max(eye.turn for eye in rendered[0].eyes),
+        mount_shift_error=max(eye.shift for eye in rendered[0].eyes),
+        range_map_ratio_max=max((row.rms / row.rms_true for row in range_maps), default=None),
+    )
 
 
-def chessboards() -> dict[str, Any] | None:
+def chessboards() -> ChessboardFigures | None:
     """The chessboards of others, by the command's own way; None where they are not here."""
     try:
         folder = data_folder(_REAL)
@@ -94,19 +206,19 @@ def chessboards() -> dict[str, Any] | None:
     found = calibrate_stereo(views, board, not_found=missing).calibration
     taken = time.perf_counter() - start
     focal = [f for c in (found.left, found.right) for f in (c.fx, c.fy)]
-    return {
-        "pairs": len(found.views),
-        "rms_px": found.rms,
-        "row_error_px": found.row_error,
-        "focal_px": focal,
-        "focal_sigma_px": found.focal_sigma,
-        "focal_owner_px": owner[0],
-        "focal_difference_max": max(abs(f / owner[0] - 1.0) for f in focal),
-        "time": taken,
-    }
+    return ChessboardFigures(
+        pairs=len(found.views),
+        rms_px=found.rms,
+        row_error_px=found.row_error,
+        focal_px=tuple(focal),
+        focal_sigma_px=tuple(found.focal_sigma),
+        focal_owner_px=owner[0],
+        focal_difference_max=max(abs(f / owner[0] - 1.0) for f in focal),
+        time=taken,
+    )
 
 
-def _synthetic(number: int, repeatability: float, progress: Progress, done: int) -> dict[str, Any]:
+def _synthetic(number: int, repeatability: float, progress: Progress, done: int) -> SyntheticHead:
     progress(done, 0, "synthetic corners")
     rng = np.random.default_rng(number)
     nominal = nominal_calibration()
@@ -115,7 +227,7 @@ def _synthetic(number: int, repeatability: float, progress: Progress, done: int)
     pairs = looks.pairs()
     stereo = calibrate_stereo(pairs, BOARD).calibration
     fit = looks.calibrated(stereo, nominal, repeatability, number)
-    return {"seed": number, "repeatability": repeatability, **_errors(truth, fit)}
+    return SyntheticHead(seed=number, repeatability=repeatability, **vars(_errors(truth, fit)))
 
 
 class _RenderedCell:
@@ -142,7 +254,7 @@ class _RenderedCell:
         self.spreads = (0.0,) if quick else (0.0, REPEATABILITY)
         self.fit: HeadFit | None = None
 
-    def calibrations(self, progress: Progress) -> list[dict[str, Any]]:
+    def calibrations(self, progress: Progress) -> tuple[RenderedHead, ...]:
         """Calibrate from photographs, once for each repeatability of the units."""
         pairs = self.looks.pairs(progress)
         start = time.perf_counter()
@@ -155,21 +267,21 @@ class _RenderedCell:
             self.fit = self.looks.calibrated(
                 found, self.nominal, repeatability, self.seed, progress
             )
-            row = {
-                "repeatability": repeatability,
-                "pairs": len(found.views),
-                "stereo_rms_px": found.rms,
-                "corner_error_px": float(
+            row = RenderedHead(
+                repeatability=repeatability,
+                pairs=len(found.views),
+                stereo_rms_px=found.rms,
+                corner_error_px=float(
                     np.sqrt(np.mean(np.concatenate(self.looks.corner_errors) ** 2))
                 ),
-                "rejected": [*found.rejected, *self.fit.rejected],
-                **_errors(self.truth, self.fit),
-            }
+                rejected=(*found.rejected, *self.fit.rejected),
+                **vars(_errors(self.truth, self.fit)),
+            )
             _log.info("rendered: %s", row)
             rows.append(row)
-        return rows
+        return tuple(rows)
 
-    def range_maps(self, progress: Progress) -> list[dict[str, Any]]:
+    def range_maps(self, progress: Progress) -> tuple[RangeMapErrors, ...]:
         """Range maps of the towel at new gazes, by the head found and by the true one."""
         assert self.fit is not None
         found = self.fit.calibration.stereo_head()
@@ -189,9 +301,9 @@ class _RenderedCell:
             rms, rms_true = (
                 _height_error(pair, head, gaze, self.towel) for head in (found, self.truth)
             )
-            rows.append({"gaze": angles, "rms": rms, "rms_true": rms_true})
+            rows.append(RangeMapErrors(tuple(angles.tolist()), rms, rms_true))
             _log.info("range map: %s", rows[-1])
-        return rows
+        return tuple(rows)
 
 
 def _height_error(pair: StereoPair, head: StereoHead, gaze: Any, towel: Towel) -> float:
@@ -204,7 +316,7 @@ def _height_error(pair: StereoPair, head: StereoHead, gaze: Any, towel: Towel) -
     return float(np.sqrt(np.mean((found.height - towel.height(x, y))[cloth] ** 2)))
 
 
-def _errors(truth: StereoHead, fit: HeadFit) -> dict[str, Any]:
+def _errors(truth: StereoHead, fit: HeadFit) -> HeadErrors:
     """How far the calibration is from the truth, eye by eye, and what it says of itself."""
     found = fit.calibration.stereo_head()
     rows = []
@@ -213,47 +325,47 @@ def _errors(truth: StereoHead, fit: HeadFit) -> dict[str, Any]:
         tsai_turn, tsai_shift = _apart(true.X_MC, fit.hand_eyes[eye].X_MC)
         sigma = fit.adjustment.mount_sigma[eye]
         rows.append(
-            {
-                "turn": turn,
-                "shift": shift,
-                "tsai_turn": tsai_turn,
-                "tsai_shift": tsai_shift,
-                "turn_sigma": float(np.linalg.norm(sigma[3:])),
-                "shift_sigma": float(np.linalg.norm(sigma[:3])),
-                "focal_error": abs(mine.camera.fx / true.camera.fx - 1.0),
-                "centre_error_px": float(
+            EyeErrors(
+                turn=turn,
+                shift=shift,
+                tsai_turn=tsai_turn,
+                tsai_shift=tsai_shift,
+                turn_sigma=float(np.linalg.norm(sigma[3:])),
+                shift_sigma=float(np.linalg.norm(sigma[:3])),
+                focal_error=abs(mine.camera.fx / true.camera.fx - 1.0),
+                centre_error_px=float(
                     np.hypot(mine.camera.cx - true.camera.cx, mine.camera.cy - true.camera.cy)
                 ),
-            }
+            )
         )
     between = (inverse(head.left.X_RB) @ head.right.X_RB for head in (truth, found))
     base_turn, base_shift = _apart(*between)
-    return {
-        "eyes": rows,
-        "base_turn": base_turn,
-        "base_shift": base_shift,
-        "joint_noise": fit.adjustment.joint_noise,
-        "rms_px": fit.adjustment.rms,
-        "row_error_px": fit.calibration.row_residual,
-    }
+    return HeadErrors(
+        eyes=tuple(rows),
+        base_turn=base_turn,
+        base_shift=base_shift,
+        joint_noise=fit.adjustment.joint_noise,
+        rms_px=fit.adjustment.rms,
+        row_error_px=fit.calibration.row_residual,
+    )
 
 
 def _apart(X: Pose, Y: Pose) -> tuple[float, float]:
     return angle_between(X, Y), float(np.linalg.norm(X[:3, 3] - Y[:3, 3]))
 
 
-def table(results: dict[str, Any]) -> str:
+def table(results: CalibrationResult) -> str:
     """Return the three parts as Markdown."""
     lines = []
-    real = results["real"]
+    real = results.real
     if real is not None:
         lines += [
             (
-                f"Real chessboards ({real['pairs']} pairs of 640 x 512, found and calibrated in "
-                f"{real['time']:.1f} s): stereo RMS {real['rms_px']:.3f} px, rows "
-                f"{real['row_error_px']:.3f} px RMS apart after rectification, focal lengths within "
-                f"{real['focal_difference_max']:.2%} of the owner's (one sigma of ours "
-                f"{max(real['focal_sigma_px']) / real['focal_owner_px']:.2%})."
+                f"Real chessboards ({real.pairs} pairs of 640 x 512, found and calibrated in "
+                f"{real.time:.1f} s): stereo RMS {real.rms_px:.3f} px, rows "
+                f"{real.row_error_px:.3f} px RMS apart after rectification, focal lengths within "
+                f"{real.focal_difference_max:.2%} of the owner's (one sigma of ours "
+                f"{max(real.focal_sigma_px) / real.focal_owner_px:.2%})."
             ),
             "",
         ]
@@ -264,15 +376,15 @@ def table(results: dict[str, Any]) -> str:
         "| corners | repeatability | camera on mount | Tsai-Lenz alone | right base | focal | RMS |",
         "|---|---|---|---|---|---|---|",
     ]
-    synthetic = results["synthetic"]
-    for spread in dict.fromkeys(row["repeatability"] for row in synthetic):
-        rows = [row for row in synthetic if row["repeatability"] == spread]
-        label = f"{results['corner_noise_px']} px noise, {len(rows)} heads, median (worst)"
+    synthetic = results.synthetic
+    for spread in dict.fromkeys(row.repeatability for row in synthetic):
+        rows = [row for row in synthetic if row.repeatability == spread]
+        label = f"{results.corner_noise_px} px noise, {len(rows)} heads, median (worst)"
         lines.append(_line(label, spread, rows))
-    for row in results["rendered"]:
-        label = f"photographs, {row['corner_error_px']:.3f} px RMS from truth"
-        lines.append(_line(label, row["repeatability"], [row]))
-    if results["range_maps"]:
+    for row in results.rendered:
+        label = f"photographs, {row.corner_error_px:.3f} px RMS from truth"
+        lines.append(_line(label, row.repeatability, [row]))
+    if results.range_maps:
         lines += [
             "",
             "Range maps of a wrinkled towel at new gazes (RMS of height, mm):",
@@ -281,25 +393,25 @@ def table(results: dict[str, Any]) -> str:
             "|---|---|---|---|",
         ]
         lines += [
-            f"| {number + 1} | {1e3 * row['rms']:.3f} | {1e3 * row['rms_true']:.3f} "
-            f"| {row['rms'] / row['rms_true']:.2f} |"
-            for number, row in enumerate(results["range_maps"])
+            f"| {number + 1} | {1e3 * row.rms:.3f} | {1e3 * row.rms_true:.3f} "
+            f"| {row.rms / row.rms_true:.2f} |"
+            for number, row in enumerate(results.range_maps)
         ]
     return "\n".join([*lines, ""])
 
 
-def _line(label: str, repeatability: float, rows: list[dict[str, Any]]) -> str:
+def _line(label: str, repeatability: float, rows: Sequence[SyntheticHead | RenderedHead]) -> str:
     def pair(turn: str, shift: str) -> str:
-        turns = [1e3 * np.degrees(max(eye[turn] for eye in row["eyes"])) for row in rows]
-        shifts = [1e3 * max(eye[shift] for eye in row["eyes"]) for row in rows]
+        turns = [1e3 * np.degrees(max(getattr(eye, turn) for eye in row.eyes)) for row in rows]
+        shifts = [1e3 * max(getattr(eye, shift) for eye in row.eyes) for row in rows]
         return f"{_figure(turns, 1)} mdeg, {_figure(shifts, 2)} mm"
 
     base = (
-        f"{_figure([1e3 * np.degrees(row['base_turn']) for row in rows], 1)} mdeg, "
-        f"{_figure([1e3 * row['base_shift'] for row in rows], 2)} mm"
+        f"{_figure([1e3 * np.degrees(row.base_turn) for row in rows], 1)} mdeg, "
+        f"{_figure([1e3 * row.base_shift for row in rows], 2)} mm"
     )
-    focal = _figure([1e6 * max(eye["focal_error"] for eye in row["eyes"]) for row in rows], 0)
-    rms = _figure([row["rms_px"] for row in rows], 3)
+    focal = _figure([1e6 * max(eye.focal_error for eye in row.eyes) for row in rows], 0)
+    rms = _figure([row.rms_px for row in rows], 3)
     return (
         f"| {label} | {repeatability} | {pair('turn', 'shift')} "
         f"| {pair('tsai_turn', 'tsai_shift')} | {base} | {focal} ppm | {rms} px |"

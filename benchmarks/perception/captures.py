@@ -1,13 +1,15 @@
 """Every real capture, from its file to a verified plan, or the reason why there is none."""
 
+import dataclasses
 import time
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from benchmarks.harness.data import data_folder
 from benchmarks.harness.report import Progress
+from benchmarks.harness.tables import table as table_of
 from unwrinkle.flattening.flattener import Flattener
 from unwrinkle.flattening.observation import Observation
 from unwrinkle.models.robot import load_cell
@@ -30,51 +32,114 @@ _COLUMNS = (
 _TURNS = (180.0, 90.0, -90.0, 135.0, -135.0, 45.0, -45.0)
 
 
-def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
+@dataclass(frozen=True)
+class WrinkleSize:
+    """Length, width and chord height of a wrinkle, m."""
+
+    length: float
+    width: float
+    chord_height: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaptureFigures:
+    """One capture; without a plan the values from `wrinkle` on are empty.
+
+    Attributes:
+        name: of the file.
+        perception: time, s.
+        wrinkles: found; largest: sizes of three.
+        halting_measure: m.
+        flat, planned, reason: what the flattener proposes.
+        turned: turn of the garment with which there is a plan, degrees.
+        wrinkle: that is pulled, from 1.
+        dual: with both arms.
+        pull: distance of the first hand, m.
+        passed: the verdict.
+        planning, verification: times, s.
+    """
+
+    name: str
+    perception: float
+    wrinkles: int
+    largest: tuple[WrinkleSize, ...]
+    halting_measure: float
+    flat: bool = False
+    planned: bool = False
+    reason: str = ""
+    turned: float | None = None
+    wrinkle: int | None = None
+    dual: bool = False
+    pull: float | None = None
+    passed: bool = False
+    planning: float = 0.0
+    verification: float = 0.0
+
+
+@dataclass(frozen=True)
+class CapturesResult:
+    """Every real capture.
+
+    Attributes:
+        captures: one by one.
+        planned, planned_when_turned, flat: how many.
+        verdicts_passed_fraction: of the plans.
+        perception_time_median: s.
+    """
+
+    captures: tuple[CaptureFigures, ...]
+    planned: int
+    planned_when_turned: int
+    flat: int
+    verdicts_passed_fraction: float
+    perception_time_median: float
+
+
+def run(*, quick: bool, seed: int, progress: Progress) -> CapturesResult:
     """Analyse and plan for every capture; every third one if quick."""
     paths = [path for name, pattern in _SETS for path in sorted(data_folder(name).glob(pattern))]
     paths = paths[::3] if quick else paths
     flattener = Flattener(load_cell())
-    rows = []
+    found = []
     for done, path in enumerate(paths):
         progress(done, len(paths), path.stem)
-        rows.append(_measure(path, flattener, seed))
-    planned = [row for row in rows if row["planned"]]
-    return {
-        "captures": rows,
-        "planned": len(planned),
-        "planned_when_turned": sum(row.get("turned") is not None for row in rows),
-        "flat": sum(row["flat"] for row in rows),
-        "verdicts_passed_fraction": float(np.mean([row["passed"] for row in planned])),
-        "perception_time_median": float(np.median([row["perception"] for row in rows])),
-    }
+        found.append(_measure(path, flattener, seed))
+    planned = [each for each in found if each.planned]
+    return CapturesResult(
+        captures=tuple(found),
+        planned=len(planned),
+        planned_when_turned=sum(each.turned is not None for each in found),
+        flat=sum(each.flat for each in found),
+        verdicts_passed_fraction=float(np.mean([each.passed for each in planned])),
+        perception_time_median=float(np.median([each.perception for each in found])),
+    )
 
 
-def _measure(path: Path, flattener: Flattener, seed: int) -> dict[str, Any]:
+def _measure(path: Path, flattener: Flattener, seed: int) -> CaptureFigures:
     clock = time.perf_counter()
     observation = _observation(path, flattener, seed)
     analysis = observation.analysis
-    row: dict[str, Any] = {
-        "name": path.stem.removesuffix("_depth_mm"),
-        "perception": time.perf_counter() - clock,
-        "wrinkles": len(analysis.wrinkles),
-        "largest": [
-            {"length": w.length, "width": w.width, "chord_height": w.chord_height}
-            for w in analysis.wrinkles[:3]
-        ],
-        "halting_measure": analysis.halting_measure,
-    }
-    row |= _proposed(flattener, observation)
-    if not row["planned"] and not row["flat"]:
-        row["turned"] = next(
-            (
-                turn
-                for turn in _TURNS
-                if _proposed(flattener, _observation(path, flattener, seed, turn))["planned"]
-            ),
-            None,
-        )
-    return row
+    seen = CaptureFigures(
+        name=path.stem.removesuffix("_depth_mm"),
+        perception=time.perf_counter() - clock,
+        wrinkles=len(analysis.wrinkles),
+        largest=tuple(
+            WrinkleSize(w.length, w.width, w.chord_height) for w in analysis.wrinkles[:3]
+        ),
+        halting_measure=analysis.halting_measure,
+    )
+    found = _proposed(seen, flattener, observation)
+    if found.planned or found.flat:
+        return found
+    turned = next(
+        (
+            turn
+            for turn in _TURNS
+            if _proposed(seen, flattener, _observation(path, flattener, seed, turn)).planned
+        ),
+        None,
+    )
+    return dataclasses.replace(found, turned=turned)
 
 
 def _observation(path: Path, flattener: Flattener, seed: int, turn: float = 0.0) -> Observation:
@@ -82,62 +147,63 @@ def _observation(path: Path, flattener: Flattener, seed: int, turn: float = 0.0)
     return flattener.observe(load_capture(path, _CAMERA), yaw=np.radians(turn), seed=seed)
 
 
-def _proposed(flattener: Flattener, observation: Observation) -> dict[str, Any]:
-    """Return what the flattener proposes, as plain data."""
+def _proposed(
+    seen: CaptureFigures, flattener: Flattener, observation: Observation
+) -> CaptureFigures:
+    """Add what the flattener proposes."""
     clock = time.perf_counter()
     proposal = flattener.propose(observation)
     spent = time.perf_counter() - clock
-    row: dict[str, Any] = {
-        "flat": proposal.plan is None and proposal.flat,
-        "planned": proposal.plan is not None,
-        "reason": "; ".join(proposal.refused),
-    }
     if proposal.plan is None:
-        return row | {"reason": proposal.reason}
+        return dataclasses.replace(seen, flat=proposal.flat, reason=proposal.reason)
     planning = proposal.planned.result.timings.total
-    return row | {
-        "wrinkle": proposal.choice.decision.wrinkle.index + 1,
-        "dual": proposal.plan.dual,
-        "pull": proposal.plan.target.hands[0].pull_distance,
-        "passed": proposal.verdict.passed,
-        "planning": planning,
-        "verification": spent - planning,
-    }
+    return dataclasses.replace(
+        seen,
+        planned=True,
+        reason="; ".join(proposal.refused),
+        wrinkle=proposal.choice.decision.wrinkle.index + 1,
+        dual=proposal.plan.dual,
+        pull=proposal.plan.target.hands[0].pull_distance,
+        passed=proposal.verdict.passed,
+        planning=planning,
+        verification=spent - planning,
+    )
 
 
-def table(results: dict[str, Any]) -> str:
-    """One row per capture."""
+def table(results: CapturesResult) -> str:
+    """Return a line per capture."""
     lines = [
         "Halting measure: the largest pull distance (foot to foot). A garment is flat if that is below 5 mm and no wrinkle is",
         "higher than 4 mm. Garments are laid",
         "with their centre at (0, -1.10) on the 0.8 x 0.8 m table, the image's upper edge away from the robot.",
         "",
-        "| " + " | ".join(_COLUMNS) + " |",
-        "|" + "---|" * len(_COLUMNS),
+        table_of(_COLUMNS, [_cells(each) for each in results.captures]),
     ]
-    for row in results["captures"]:
-        sizes = [
-            f"{1e3 * w['length']:.0f} x {1e3 * w['width']:.0f} x {1e3 * w['chord_height']:.1f}"
-            for w in row["largest"][:1]
-        ]
-        plan, verdict, times = "-", "-", f"{row['perception']:.2f}"
-        if row["planned"]:
-            plan = f"{'dual' if row['dual'] else 'single'}, wrinkle {row['wrinkle']}"
-            verdict = "pass" if row["passed"] else "REFUSED"
-            times += f" + {row['planning']:.2f} + {row['verification']:.2f}"
-        cells = (
-            row["name"],
-            str(row["wrinkles"]),
-            sizes[0] if sizes else "-",
-            f"{1e3 * row['halting_measure']:.1f}",
-            plan,
-            verdict,
-            times,
-            row["reason"],
-            "" if row["planned"] or row["flat"] else _turn(row["turned"]),
-        )
-        lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
+
+
+def _cells(each: CaptureFigures) -> tuple[str, ...]:
+    """Return the line of a capture."""
+    sizes = [
+        f"{1e3 * w.length:.0f} x {1e3 * w.width:.0f} x {1e3 * w.chord_height:.1f}"
+        for w in each.largest[:1]
+    ]
+    plan, verdict, times = "-", "-", f"{each.perception:.2f}"
+    if each.planned:
+        plan = f"{'dual' if each.dual else 'single'}, wrinkle {each.wrinkle}"
+        verdict = "pass" if each.passed else "REFUSED"
+        times += f" + {each.planning:.2f} + {each.verification:.2f}"
+    return (
+        each.name,
+        str(each.wrinkles),
+        sizes[0] if sizes else "-",
+        f"{1e3 * each.halting_measure:.1f}",
+        plan,
+        verdict,
+        times,
+        each.reason,
+        "" if each.planned or each.flat else _turn(each.turned),
+    )
 
 
 def _turn(turn: float | None) -> str:

@@ -8,6 +8,7 @@ Data: L. Wagner, D. Krejcova, V. Smutny, "CTU Color and Depth Image Dataset of S
 CTU-CMP-2013-25; a folder of it is found by the variable UNWRINKLE_DATA or beside the repository.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -26,10 +27,33 @@ from unwrinkle.perception.sensor import noise_profile
 _FOLDER = "clopema_ctu_spread_garments"
 
 
-def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
+@dataclass(frozen=True)
+class MaskFigures:
+    """One sample: intersections over union with and without colour, and the table's RMS, m."""
+
+    name: str
+    type: str
+    shape: str
+    iou_colour: float
+    method_colour: str
+    table_rms: float
+    iou_depth: float
+    method_depth: str
+
+
+@dataclass(frozen=True)
+class MasksResult:
+    """All samples, and median and least intersection over union with colour."""
+
+    samples: tuple[MaskFigures, ...]
+    iou_median: float
+    iou_min: float
+
+
+def run(*, quick: bool, seed: int, progress: Progress) -> MasksResult:
     """Measure the mask of every sample, with its colour and by depth alone."""
     folder = data_folder(_FOLDER)
-    samples: list[dict[str, Any]] = []
+    samples: list[MaskFigures] = []
     paths = sorted(folder.glob("cloD*.png"))
     if not paths:
         raise InputError(f"{folder}: holds no cloD*.png; is it the CTU data set?")
@@ -40,19 +64,27 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
         )
         capture = load_capture(path, "xtion-pro-live")
         outlines = silhouette(note["poly_c"], note["node_names"])
-        sample: dict[str, Any] = {"name": path.stem, "type": note["type"], "shape": note["shape"]}
-        for key, chosen in (("colour", capture), ("depth", _without_colour(capture))):
-            table, segmentation = segment_capture(chosen, noise_profile("xtion"), seed=seed)
-            sample[f"iou_{key}"] = best_overlap(segmentation.garment, outlines)
-            sample[f"method_{key}"] = segmentation.method
-            sample["table_rms"] = table.rms
-        samples.append(sample)
+        _, colour = segment_capture(capture, noise_profile("xtion"), seed=seed)
+        alone = _without_colour(capture)
+        table, depth = segment_capture(alone, noise_profile("xtion"), seed=seed)
+        samples.append(
+            MaskFigures(
+                name=path.stem,
+                type=note["type"],
+                shape=note["shape"],
+                iou_colour=best_overlap(colour.garment, outlines),
+                method_colour=colour.method,
+                table_rms=table.rms,
+                iou_depth=best_overlap(depth.garment, outlines),
+                method_depth=depth.method,
+            )
+        )
     progress(len(paths), len(paths), "done")
-    values = [sample["iou_colour"] for sample in samples]
-    return {"samples": samples, "iou_median": float(np.median(values)), "iou_min": min(values)}
+    values = [sample.iou_colour for sample in samples]
+    return MasksResult(tuple(samples), float(np.median(values)), min(values))
 
 
-def table(results: dict[str, Any]) -> str:
+def table(results: MasksResult) -> str:
     """Return one row per sample."""
     lines = [
         "Intersection over union of the garment's mask and the annotated outline, after the best",
@@ -63,9 +95,9 @@ def table(results: dict[str, Any]) -> str:
         "|---|---|---|---|---|",
     ]
     lines += [
-        f"| {s['name']} | {s['type']}, {s['shape']} | {s['iou_colour']:.3f} "
-        f"| {s['iou_depth']:.3f} | {1e3 * s['table_rms']:.2f} |"
-        for s in results["samples"]
+        f"| {s.name} | {s.type}, {s.shape} | {s.iou_colour:.3f} "
+        f"| {s.iou_depth:.3f} | {1e3 * s.table_rms:.2f} |"
+        for s in results.samples
     ]
     return "\n".join([*lines, ""])
 

@@ -1,7 +1,7 @@
 """How long the wrinkledness of a map takes, and how far it is from brute force."""
 
 import time
-from typing import Any
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -13,11 +13,32 @@ from unwrinkle.perception.wrinkles.wrinkledness import WINDOW, normal_bins, wind
 _SIZES = ((480, 640), (1000, 1000))
 
 
-def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
+@dataclass(frozen=True)
+class SizeFigures:
+    """One size of map: pixels, times in s, and the largest difference to brute force, nat."""
+
+    height: int
+    width: int
+    time_median: float
+    time_min: float
+    bins_used: int
+    brute_force_difference_max: float
+
+
+@dataclass(frozen=True)
+class WrinklednessResult:
+    """The window, cells; the sizes; the median time of the first, s."""
+
+    window: int
+    sizes: tuple[SizeFigures, ...]
+    wrinkledness_time_median: float
+
+
+def run(*, quick: bool, seed: int, progress: Progress) -> WrinklednessResult:
     """Time the bins and the entropy of random smooth slopes; compare random windows."""
     rng = np.random.default_rng(seed)
     rounds = 7 if quick else 31
-    sizes: list[dict[str, Any]] = []
+    sizes: list[SizeFigures] = []
     for done, shape in enumerate(_SIZES):
         progress(done, len(_SIZES), f"{shape[1]} x {shape[0]}")
         zx, zy = (
@@ -32,31 +53,33 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
             entropy = window_entropy(labels)
             times.append(time.perf_counter() - start)
         sizes.append(
-            {
-                "height": shape[0],
-                "width": shape[1],
-                "time_median": float(np.median(times)),
-                "time_min": min(times),
-                "bins_used": int(np.unique(labels).size),
-                "brute_force_difference_max": _difference(labels, entropy, rng, 300),
-            }
+            SizeFigures(
+                height=shape[0],
+                width=shape[1],
+                time_median=float(np.median(times)),
+                time_min=min(times),
+                bins_used=int(np.unique(labels).size),
+                brute_force_difference_max=_difference(labels, entropy, rng, 300),
+            )
         )
     progress(len(_SIZES), len(_SIZES), "done")
-    return {"window": WINDOW, "sizes": sizes, "wrinkledness_time_median": sizes[0]["time_median"]}
+    return WrinklednessResult(
+        window=WINDOW, sizes=tuple(sizes), wrinkledness_time_median=sizes[0].time_median
+    )
 
 
-def table(results: dict[str, Any]) -> str:
+def table(results: WrinklednessResult) -> str:
     """Return one row per size."""
     lines = [
-        f"Entropy of 8 x 8 bins in a window of {results['window']} cells, on smooth random slopes.",
+        f"Entropy of 8 x 8 bins in a window of {results.window} cells, on smooth random slopes.",
         "",
         "| size | bins used | median (ms) | best (ms) | largest difference to brute force (nat) |",
         "|---|---|---|---|---|",
     ]
     lines += [
-        f"| {s['width']} x {s['height']} | {s['bins_used']} | {1e3 * s['time_median']:.0f} "
-        f"| {1e3 * s['time_min']:.0f} | {s['brute_force_difference_max']:.1e} |"
-        for s in results["sizes"]
+        f"| {s.width} x {s.height} | {s.bins_used} | {1e3 * s.time_median:.0f} "
+        f"| {1e3 * s.time_min:.0f} | {s.brute_force_difference_max:.1e} |"
+        for s in results.sizes
     ]
     return "\n".join([*lines, ""])
 

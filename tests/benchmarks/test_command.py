@@ -81,7 +81,7 @@ def test_a_kept_report_gives_the_same_page(tmp_path: Path, monkeypatch: pytest.M
     kept, first, again = (tmp_path / name for name in ("r.json", "a.md", "b.md"))
     assert _bench(monkeypatch, "draws", "--json", kept, "--markdown", first) == 0
     monkeypatch.setattr(_Fake, "run", None)
-    monkeypatch.setattr(command.typing, "get_type_hints", lambda run: {"return": Draws})
+    monkeypatch.setattr(command, "results_type", lambda benchmark: Draws)
     assert _bench(monkeypatch, "draws", "--from-json", kept, "--markdown", again) == 0
     assert first.read_text() == again.read_text()
     assert _bench(monkeypatch, "lots", "--from-json", kept) == 2

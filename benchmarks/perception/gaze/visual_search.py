@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -114,13 +114,25 @@ def _placed(off: NDArray[np.float64], yaw: float) -> Pose:
     return X_WM
 
 
-def search_results(seed: int, scenes: int) -> dict[str, Any]:
-    """Lay things at random, `scenes` times, and look for them.
+@dataclass(frozen=True)
+class SearchFigures:
+    """Visual search.
 
-    Returns:
-        things: that lay there; found, wrong: finds that are of a thing, and that are of none;
-        time_median: seconds per picture, finding its features included.
+    Attributes:
+        scenes: pictures.
+        things: that lay there; found: finds that are of one; wrong: finds that are of none.
+        time_median: of a picture, finding its features included, s.
     """
+
+    scenes: int
+    things: int
+    found: int
+    wrong: int
+    time_median: float
+
+
+def search_results(seed: int, scenes: int) -> SearchFigures:
+    """Lay things at random, `scenes` times, and look for them."""
     table = SearchScene(seed)
     rng = np.random.default_rng(seed)
     templates = []
@@ -147,10 +159,6 @@ def search_results(seed: int, scenes: int) -> dict[str, Any]:
         things += len(places)
         found += len(hits)
         wrong += len(owners) - len(hits)
-    return {
-        "scenes": scenes,
-        "things": things,
-        "found": found,
-        "wrong": wrong,
-        "time_median": float(np.median(times)),
-    }
+    return SearchFigures(
+        scenes=scenes, things=things, found=found, wrong=wrong, time_median=float(np.median(times))
+    )

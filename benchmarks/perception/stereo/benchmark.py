@@ -6,7 +6,6 @@ Time, memory, error, and rivals.
 import math
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,16 @@ from benchmarks.perception.stereo.memory import peak
 from benchmarks.perception.stereo.methods import METHODS
 from benchmarks.perception.stereo.page import page, plotted
 from benchmarks.perception.stereo.real_pairs import figures
+from benchmarks.perception.stereo.results import (
+    DisparityErrors,
+    HeightErrors,
+    MatcherFigures,
+    SceneFigures,
+    SizeFigures,
+    StereoResult,
+    Times,
+    WrinkleErrors,
+)
 from benchmarks.perception.stereo.scenes import Scene, cell_scene, near_scene
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.height_grid import Grid
@@ -38,13 +47,8 @@ _FACTORS = ((16, 1.0), (4, 0.5), (1, 0.25))
 _INFLECTION = 1.0 - math.exp(-0.5)  # of a Gaussian's height lies above its inflections
 
 
-def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
-    """Render, match, compare.
-
-    Returns:
-        The headline figures (of textured cloth in the cell), `scenes`, `sizes`, `methods` and the
-        real pairs; see `table`.
-    """
+def run(*, quick: bool, seed: int, progress: Progress) -> StereoResult:
+    """Render, match, compare."""
     repeats = 2 if quick else 5
     steps = 9
     progress(0, steps, "rendering")
@@ -69,28 +73,28 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
     real = figures()
     progress(9, steps, "done")
     ours, full = methods[0], methods[1]
-    return {
-        "pair_to_map_time_median": times["pair_to_map_median"],
-        "peak_memory": memory,
-        "disparity_rms": scenes["terry"]["rms"],
-        "disparity_bias": scenes["terry"]["bias"],
-        "valid_fraction": scenes["terry"]["valid"],
-        "speedup_over_sgbm_full": full["time"] / ours["time"],
-        "rms_ratio_over_sgbm_full": full["rms"] / ours["rms"],
-        "times": times,
-        "scenes": scenes,
-        "sizes": sizes,
-        "methods": methods,
-        "real": real,
-    }
+    return StereoResult(
+        pair_to_map_time_median=times.pair_to_map_median,
+        peak_memory=memory,
+        disparity_rms=scenes["terry"].rms,
+        disparity_bias=scenes["terry"].bias,
+        valid_fraction=scenes["terry"].valid,
+        speedup_over_sgbm_full=full.time / ours.time,
+        rms_ratio_over_sgbm_full=full.rms / ours.rms,
+        times=times,
+        scenes=scenes,
+        sizes=tuple(sizes),
+        methods=methods,
+        real=real,
+    )
 
 
-def table(results: dict[str, Any]) -> str:
+def table(results: StereoResult) -> str:
     """Return the results as Markdown."""
     return page(results)
 
 
-def plot(results: dict[str, Any], path: Path) -> None:
+def plot(results: StereoResult, path: Path) -> None:
     """Draw time and error over the images' size."""
     plotted(results, path)
 
@@ -123,7 +127,7 @@ def _map(found: StereoMatch, scene: Scene) -> NDArray[np.float64]:
     return heights
 
 
-def _times(scene: Scene, repeats: int) -> dict[str, Any]:
+def _times(scene: Scene, repeats: int) -> Times:
     pair_to_map(scene)  # compiles, and fills caches
     whole, region, product = [], [], []
     for _ in range(repeats):
@@ -136,33 +140,33 @@ def _times(scene: Scene, repeats: int) -> dict[str, Any]:
         start = time.perf_counter()
         range_map_from_pair(scene.pair, scene.head, scene.gaze, table=scene.table)
         product.append(time.perf_counter() - start)
-    return {
-        "pair_to_map_median": float(np.median(whole)),
-        "pair_to_map": whole,
-        "table_region_median": float(np.median(region)),
-        "garment_map_median": float(np.median(product)),
-    }
+    return Times(
+        pair_to_map_median=float(np.median(whole)),
+        pair_to_map=tuple(whole),
+        table_region_median=float(np.median(region)),
+        garment_map_median=float(np.median(product)),
+    )
 
 
-def _errors(scene: Scene, found: StereoMatch, disparity: Disparity) -> dict[str, float]:
+def _errors(scene: Scene, found: StereoMatch, disparity: Disparity) -> DisparityErrors:
     true, cloth, per_pixel = scene.truth(found.rectification, found.X_WC)
     valid = disparity.valid & cloth
     if not valid.any():
         raise InputError(f"{scene.name}: nothing of the cloth was matched")
     error = (disparity.disparity - true)[valid]
     heights = error * per_pixel[valid]
-    return {
-        "rms": float(np.sqrt(np.mean(error**2))),
-        "bias": float(np.mean(error)),
-        "median": float(np.median(np.abs(error))),
-        "valid": float(np.count_nonzero(valid) / np.count_nonzero(cloth)),
-        "height_rms": float(np.sqrt(np.mean(heights**2))),
-        "gross": float(np.mean(np.abs(heights) > _GROSS)),
-        "height_per_pixel": float(np.median(per_pixel[valid])),
-    }
+    return DisparityErrors(
+        rms=float(np.sqrt(np.mean(error**2))),
+        bias=float(np.mean(error)),
+        median=float(np.median(np.abs(error))),
+        valid=float(np.count_nonzero(valid) / np.count_nonzero(cloth)),
+        height_rms=float(np.sqrt(np.mean(heights**2))),
+        gross=float(np.mean(np.abs(heights) > _GROSS)),
+        height_per_pixel=float(np.median(per_pixel[valid])),
+    )
 
 
-def _size(scene: Scene, megapixels: int, factor: float, repeats: int) -> dict[str, Any]:
+def _size(scene: Scene, megapixels: int, factor: float, repeats: int) -> SizeFigures:
     pair_to_map(scene, factor)
     times = []
     for _ in range(repeats):
@@ -171,14 +175,14 @@ def _size(scene: Scene, megapixels: int, factor: float, repeats: int) -> dict[st
         found = match_pair(pair, scene.head, scene.gaze, table=scene.table, whole=True)
         _map(found, scene)
         times.append(time.perf_counter() - start)
-    return {
-        "megapixels": megapixels,
-        "time": float(np.median(times)),
-        **_errors(scene, found, found.disparity),
-    }
+    return SizeFigures(
+        megapixels=megapixels,
+        time=float(np.median(times)),
+        **vars(_errors(scene, found, found.disparity)),
+    )
 
 
-def _methods(scene: Scene, quick: bool) -> list[dict[str, Any]]:
+def _methods(scene: Scene, quick: bool) -> tuple[MatcherFigures, ...]:
     """Ours first, full-resolution SGBM second, on one rectified pair of the whole images."""
     found = match_pair(scene.pair, scene.head, scene.gaze, table=scene.table, whole=True)
     rectified = found.rectification.apply(scene.pair.left, scene.pair.right)
@@ -193,32 +197,34 @@ def _methods(scene: Scene, quick: bool) -> list[dict[str, Any]]:
             disparity = method(*rectified, lowest, highest)
             times.append(time.perf_counter() - start)
         rows.append(
-            {"name": name, "time": float(np.median(times)), **_errors(scene, found, disparity)}
+            MatcherFigures(
+                name=name, time=float(np.median(times)), **vars(_errors(scene, found, disparity))
+            )
         )
-    return rows
+    return tuple(rows)
 
 
-def _judged(scene: Scene) -> dict[str, Any]:
+def _judged(scene: Scene) -> SceneFigures:
     """Disparities of the region, heights on the garment's grid, and wrinkles, against the truth."""
     found = match_pair(scene.pair, scene.head, scene.gaze, table=scene.table)
     range_map = range_map_from_pair(scene.pair, scene.head, scene.gaze, table=scene.table)
     analysis = analyse(range_map, table=scene.table)
-    return {
-        "name": scene.name,
-        "distance": scene.distance,
-        **_errors(scene, found, found.disparity),
-        "map": _map_errors(scene, range_map),
-        "spline": _spline_errors(scene, analysis),
-        "wrinkles": _wrinkle_errors(scene, analysis),
-    }
+    return SceneFigures(
+        name=scene.name,
+        distance=scene.distance,
+        **vars(_errors(scene, found, found.disparity)),
+        map=_map_errors(scene, range_map),
+        spline=_spline_errors(scene, analysis),
+        wrinkles=_wrinkle_errors(scene, analysis),
+    )
 
 
-def _map_errors(scene: Scene, range_map: RangeMap) -> dict[str, float]:
+def _map_errors(scene: Scene, range_map: RangeMap) -> HeightErrors:
     world = range_map.world_from_cell(_columns_and_rows(range_map.shape))
     return _against_truth(scene, world, np.asarray(range_map.height, float), range_map.valid)
 
 
-def _spline_errors(scene: Scene, analysis: Analysis) -> dict[str, float]:
+def _spline_errors(scene: Scene, analysis: Analysis) -> HeightErrors:
     surface = analysis.surface
     world = surface.world(_columns_and_rows(surface.z.shape))
     return _against_truth(scene, world, np.asarray(surface.z, float), surface.inside)
@@ -231,19 +237,19 @@ def _columns_and_rows(shape: tuple[int, ...]) -> NDArray[np.float64]:
 
 def _against_truth(
     scene: Scene, world: NDArray[np.float64], heights: NDArray[np.float64], valid: NDArray[np.bool_]
-) -> dict[str, float]:
+) -> HeightErrors:
     x, y = world[..., 0], world[..., 1]
     cloth = (scene.towel.edge_distance(x, y) > _RIM) & valid
     error = (heights - scene.towel.height(x, y))[cloth]
-    return {
-        "rms": float(np.sqrt(np.mean(error**2))),
-        "bias": float(np.mean(error)),
-        "median": float(np.median(np.abs(error))),
-    }
+    return HeightErrors(
+        rms=float(np.sqrt(np.mean(error**2))),
+        bias=float(np.mean(error)),
+        median=float(np.median(np.abs(error))),
+    )
 
 
-def _wrinkle_errors(scene: Scene, analysis: Analysis) -> list[dict[str, Any]]:
-    """The wrinkle found for each ridge: its width, chord height and direction against the truth."""
+def _wrinkle_errors(scene: Scene, analysis: Analysis) -> tuple[WrinkleErrors, ...]:
+    """Compare the wrinkle found for each ridge with the truth: its width and chord height."""
     rows = []
     for ridge in scene.towel.ridges:
         nearest = min(
@@ -251,12 +257,13 @@ def _wrinkle_errors(scene: Scene, analysis: Analysis) -> list[dict[str, Any]]:
             key=lambda w: float(np.hypot(*(np.asarray(w.centre) - ridge.centre))),
             default=None,
         )
-        row: dict[str, Any] = {"width": 2.0 * ridge.sigma, "height": ridge.height * _INFLECTION}
-        if nearest is not None and _same(ridge, np.asarray(nearest.centre)):
-            row["width_error"] = nearest.width - row["width"]
-            row["height_error"] = nearest.chord_height - row["height"]
-        rows.append(row)
-    return rows
+        width, height = 2.0 * ridge.sigma, ridge.height * _INFLECTION
+        if nearest is None or not _same(ridge, np.asarray(nearest.centre)):
+            rows.append(WrinkleErrors(width, height))
+        else:
+            off = nearest.width - width, nearest.chord_height - height
+            rows.append(WrinkleErrors(width, height, *off))
+    return tuple(rows)
 
 
 def _same(ridge: Ridge, centre: NDArray[np.float64]) -> bool:

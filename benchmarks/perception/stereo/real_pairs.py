@@ -7,7 +7,6 @@ D. Scharstein et al., High-resolution stereo datasets with subpixel-accurate gro
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -15,21 +14,22 @@ from numpy.typing import NDArray
 
 from benchmarks.harness.data import data_folder
 from benchmarks.perception.calibration import chessboards
+from benchmarks.perception.stereo.results import MotorcycleErrors, RealPairs
 from unwrinkle.perception.calibration.boards import load_grey
 from unwrinkle.perception.stereo.matching import match
 
 _HIGHEST = 79
 
 
-def figures() -> dict[str, Any]:
-    """Figures of both; {} where the data is not at hand."""
+def figures() -> RealPairs | None:
+    """Compute the figures of both; None where the data is not at hand."""
     boards = chessboards()
     if boards is None:
-        return {}
-    return {"motorcycle": motorcycle(data_folder("stereo_motorcycle")), "chessboards": boards}
+        return None
+    return RealPairs(motorcycle(data_folder("stereo_motorcycle")), boards)
 
 
-def motorcycle(folder: Path) -> list[dict[str, Any]]:
+def motorcycle(folder: Path) -> tuple[MotorcycleErrors, ...]:
     """Ours and SGBM alone: where SGBM answers, ours unchecked there, and where both answer."""
     left, right = (load_grey(folder / f"motorcycle_{side}.png") for side in ("left", "right"))
     with np.load(folder / "motorcycle_disp.npz") as stored:
@@ -54,19 +54,19 @@ def motorcycle(folder: Path) -> list[dict[str, Any]]:
     every = match(left, right, 0, _HIGHEST, check=False)
     both = theirs & ours.valid
 
-    def row(name: str, found: NDArray[np.float32], mask: NDArray[np.bool_]) -> dict[str, Any]:
+    def row(name: str, found: NDArray[np.float32], mask: NDArray[np.bool_]) -> MotorcycleErrors:
         error = np.abs(found - truth)[mask]
-        return {
-            "name": name,
-            "median": float(np.median(error)),
-            "bad": float(np.mean(error > 1.0)),
-            "valid": float(np.count_nonzero(mask) / np.count_nonzero(known)),
-        }
+        return MotorcycleErrors(
+            name=name,
+            median=float(np.median(error)),
+            bad=float(np.mean(error > 1.0)),
+            valid=float(np.count_nonzero(mask) / np.count_nonzero(known)),
+        )
 
-    return [
+    return (
         row("SGBM alone, where it answers", alone, theirs),
         row("ours, unchecked, on the same pixels", every.disparity, theirs),
         row("SGBM, where both answer", alone, both),
         row("ours, where both answer", ours.disparity, both),
         row("ours, where it answers", ours.disparity, known & ours.valid),
-    ]
+    )

@@ -16,7 +16,7 @@ from benchmarks.harness.plots import OURS as OUR_COLOUR
 from benchmarks.harness.plots import PUBLISHED as GREY
 from benchmarks.harness.plots import draw_cloth, save
 from benchmarks.harness.report import Progress
-from benchmarks.harness.statistics import Spread, mean_interval
+from benchmarks.harness.statistics import Spread, mean_interval, spread
 from benchmarks.harness.trials import run_trials, trials_wall
 from benchmarks.published.garments.page import page
 from benchmarks.published.garments.results import (
@@ -191,8 +191,7 @@ def figures(runs: Sequence[GarmentTrial], counts: Sequence[int]) -> MethodFigure
     return MethodFigures(
         runs=len(runs),
         coverage={
-            count: mean_interval([after(run.coverages, count) for run in runs])
-            for count in (0, *counts)
+            count: spread([after(run.coverages, count) for run in runs]) for count in (0, *counts)
         },
         improvement=improvements,
         success=sum(run.coverages[-1] >= SUCCESS for run in runs),
@@ -308,7 +307,7 @@ def _runs_of(
 def _curve(axes: Axes, runs: Sequence[GarmentTrial], results: GarmentsResult, method: str) -> None:
     counts = np.arange(results.most_actions + 1)
     spreads = [mean_interval([after(run.coverages, int(n)) for run in runs]) for n in counts]
-    known = [spread for spread in spreads if spread is not None]
+    known = [each for each in spreads if each is not None]
     means, low, high = 100.0 * np.array([(s.mean, s.low, s.high) for s in known]).T
     axes.plot(counts, means, color=_COLOURS[method], label=method, linewidth=1.5)
     axes.fill_between(counts, low, high, color=_COLOURS[method], alpha=0.2, linewidth=0.0)

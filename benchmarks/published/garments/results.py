@@ -87,7 +87,7 @@ class MethodFigures:
     """
 
     runs: int
-    coverage: dict[int, Spread | None]
+    coverage: dict[int, Spread]
     improvement: dict[int, Spread | None]
     success: int
     success_ever: int
