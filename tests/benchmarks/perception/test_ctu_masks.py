@@ -42,9 +42,9 @@ def test_flaps_belong_to_the_silhouette() -> None:
 def test_run_and_table(shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("UNWRINKLE_DATA", str(shared_data))
     results = run(quick=True, seed=0, progress=_quiet)
-    assert [s["name"] for s in results["samples"]] == ["cloD00023", "cloD01158", "cloD02321"]
-    assert results["iou_min"] > 0.88
-    assert results["iou_median"] > 0.92
+    assert [s.name for s in results.samples] == ["cloD00023", "cloD01158", "cloD02321"]
+    assert results.iou_min > 0.88
+    assert results.iou_median > 0.92
     assert table(results).count("| cloD") == 3
 
 

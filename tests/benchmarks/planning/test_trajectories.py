@@ -1,6 +1,4 @@
-"""The trajectories board: its set of paths, its judge, its methods and its yardstick can fail, and
-do not.
-"""
+"""The benchmark `trajectories`: its paths, its judge, its methods and its yardstick can fail, a"""
 
 import dataclasses as dc
 import json
@@ -8,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+from benchmarks.harness.results import to_json
 from benchmarks.planning.trajectories import benchmark as trajectories
 from benchmarks.planning.trajectories.measures import NO_DEVIATION, judge, limit_ratios, offsets
 from benchmarks.planning.trajectories.methods import METHODS, PERIOD, Failure, Law
@@ -20,6 +19,12 @@ from benchmarks.planning.trajectories.paths import (
     PathMaker,
     content_hash,
     load_paths,
+)
+from benchmarks.planning.trajectories.results import (
+    Judgement,
+    PieceFailure,
+    PieceOptimum,
+    TimedPath,
 )
 from benchmarks.planning.trajectories.trials import find, problem_of
 from unwrinkle.models.errors import InputError
@@ -96,20 +101,20 @@ def test_ours_keeps_to_the_path_and_the_limits_and_the_others_do_not():
         key: judge(PATH.pieces, method(PROBLEM), LIMITS, KINEMATICS)
         for key, (_, method) in METHODS.items()
     }
-    assert all(row["failures"] == [] for row in rows.values())
+    assert all(row.failures == () for row in rows.values())
     ours = rows["ours"]
-    assert sum(ours["violations"].values()) == 0
-    assert ours["deviation"] < NO_DEVIATION and ours["joint_deviation"] < 1e-5
-    assert rows["toppra"]["ratio"]["jerk"] > 10.0
-    assert rows["toppra"]["deviation"] < NO_DEVIATION
-    assert rows["toppra"]["duration"] < ours["duration"]
-    assert rows["moveit_sent"]["violations"]["jerk"] > 0
-    assert rows["moveit_motion"]["deviation"] > 0.01
-    assert rows["tracking"]["deviation"] > 0.01
-    assert sum(rows["ruckig"]["violations"].values()) == 0
-    assert rows["ruckig"]["deviation"] < NO_DEVIATION
-    assert ours["duration"] < min(rows[k]["duration"] for k in ("ruckig", "tracking"))
-    assert ours["duration"] == pytest.approx(rows["without_start"]["duration"], rel=5e-3)
+    assert sum(ours.violations.values()) == 0
+    assert ours.deviation < NO_DEVIATION and ours.joint_deviation < 1e-5
+    assert rows["toppra"].ratio["jerk"] > 10.0
+    assert rows["toppra"].deviation < NO_DEVIATION
+    assert rows["toppra"].duration < ours.duration
+    assert rows["moveit_sent"].violations["jerk"] > 0
+    assert rows["moveit_motion"].deviation > 0.01
+    assert rows["tracking"].deviation > 0.01
+    assert sum(rows["ruckig"].violations.values()) == 0
+    assert rows["ruckig"].deviation < NO_DEVIATION
+    assert ours.duration < min(rows[k].duration for k in ("ruckig", "tracking"))
+    assert ours.duration == pytest.approx(rows["without_start"].duration, rel=5e-3)
 
 
 def test_the_judge_sees_each_violation():
@@ -150,10 +155,10 @@ def test_deviation_and_failures_are_seen():
     moved = q.copy()
     moved[:, 0] += 0.01  # the turn-table: both tools move by 0.01 rad times their distance
     row = judge(PATH.pieces, [result[0], (t, moved, v), *result[2:]], LIMITS, KINEMATICS)
-    assert 0.003 < row["deviation"] < 0.03
-    assert row["joint_deviation"] > 0.001
+    assert 0.003 < row.deviation < 0.03
+    assert row.joint_deviation > 0.001
     row = judge(PATH.pieces, [*result[:4], Failure("tired")], LIMITS, KINEMATICS)
-    assert row == {"failures": [{"piece": "transit out", "reason": "tired"}]}
+    assert row.failures == (PieceFailure("transit out", "tired"),)
 
 
 def test_offsets_are_from_the_segments_and_not_from_the_corners():
@@ -218,28 +223,29 @@ def test_the_programme_is_not_slower_than_ours_and_not_under_the_bound():
 
 
 def test_page_of_results_with_failures_is_written(tmp_path):
-    row = judge(PATH.pieces, METHODS["ours"][1](PROBLEM), LIMITS, KINEMATICS)
-    row["computing"] = 0.1
-    lost = {"failures": [{"piece": "pull", "reason": "lost its way"}], "computing": 0.1}
-    piece = {"bound": 0.4, "refined": 0.5, "refined_dense": 0.5, "law": 0.51, "jerk_free": 0.4}
-    optimum = [{**piece, "starts": [0.5, 0.5], "computing": 1.0} for _ in NAMES]
-    methods = {key: (row if key == "ours" else lost) for key in METHODS}
-    rows = [
-        {
-            "path": PATH.name,
-            "group": PATH.group,
-            "jerk_free": row["duration"] / 1.3,
-            "methods": methods,
-            "optimum": optimum,
-        }
-    ]
-    results = trajectories.summary(rows)
-    assert results["headline"]["clean_on_every_path"] == ["ours"]
-    assert results["headline"]["target_met_by"] == ["ours"]
-    assert results["start"]["paths"] == 0
+    row = dc.replace(
+        judge(PATH.pieces, METHODS["ours"][1](PROBLEM), LIMITS, KINEMATICS), computing=0.1
+    )
+    lost = Judgement(
+        failures=(PieceFailure("pull", "lost its way"),), ratio={}, violations={}, computing=0.1
+    )
+    optimum = tuple(
+        PieceOptimum(name, 0.4, 0.4, 0.5, 0.5, 0.51, (0.5, 0.5), 2, 1.0) for name in NAMES
+    )
+    path = TimedPath(
+        path=PATH.name,
+        group=PATH.group,
+        jerk_free=row.duration / 1.3,
+        methods={key: (row if key == "ours" else lost) for key in METHODS},
+        optimum=optimum,
+    )
+    results = trajectories.summary([path])
+    assert results.headline.clean_on_every_path == ("ours",)
+    assert results.headline.target_met_by == ("ours",)
+    assert results.start.paths == 0
     page = trajectories.table(results)
     assert "lost its way" in page and "| toppra alone | 1 | 0 of 1 |" in page
-    json.dumps(results, allow_nan=False)
+    json.dumps(to_json(results), allow_nan=False)
     trajectories.plot(results, tmp_path / "figure.png")
     assert (tmp_path / "figure.png").stat().st_size > 10_000
 
@@ -247,9 +253,3 @@ def test_page_of_results_with_failures_is_written(tmp_path):
 def test_an_unknown_path_is_refused():
     with pytest.raises(InputError, match="no path 'nowhere'"):
         find(SET, "nowhere")
-
-
-def test_ruckigs_cloud_features_are_never_used(repository):
-    for file in (repository / "benchmarks").glob("*.py"):
-        text = file.read_text()
-        assert ".intermediate_positions" not in text and ".per_section" not in text, file

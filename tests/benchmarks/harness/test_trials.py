@@ -1,10 +1,11 @@
-"""Rows of boards: kept one by one, gone on with, and only for the very code and settings."""
+"""Trials: kept one by one, resumed, and only for the very code and settings."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from benchmarks.harness.trials import Trial, run_trials
+from benchmarks.harness.trials import FailedTrial, KeptTrial, Trial, run_trials, try_trials
 from unwrinkle.models.errors import InputError
 
 _WORK = """
@@ -33,6 +34,11 @@ def rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Trial]:
     ]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Kept(KeptTrial):
+    twice: int
+
+
 class Told:
     """What the progress was told."""
 
@@ -43,23 +49,24 @@ class Told:
         self.calls.append((done, total))
 
 
-def test_an_interrupted_board_goes_on(rows: list[Trial], tmp_path: Path) -> None:
+def test_an_interrupted_run_resumes(rows: list[Trial], tmp_path: Path) -> None:
     (tmp_path / "fails").touch()
-    with pytest.raises(InputError, match="1 of 3 rows failed, the first b: ValueError: no such"):
-        run_trials("probe", rows, Told(), workers=1)
-    kept = run_trials("probe", rows, Told(), workers=1, tolerated="ValueError")
-    assert [row.get("failed") for row in kept] == [None, "ValueError: no such wrinkle", None]
+    with pytest.raises(InputError, match="b: ValueError: no such"):
+        run_trials("probe", rows, Kept, Told(), workers=1)
+    kept = try_trials("probe", rows, Kept, Told(), workers=1, tolerated="ValueError")
+    assert [isinstance(each, FailedTrial) for each in kept] == [False, True, False]
+    assert isinstance(kept[1], FailedTrial) and kept[1].reason == "ValueError: no such wrinkle"
     (tmp_path / "fails").unlink()
     told = Told()
-    done = run_trials("probe", rows, told, workers=1)
-    assert [row["twice"] for row in done] == [0, 2, 4]
-    assert [row["name"] for row in done] == ["a", "b", "c"]
+    done = run_trials("probe", rows, Kept, told, workers=1)
+    assert [row.twice for row in done] == [0, 2, 4]
+    assert [row.name for row in done] == ["a", "b", "c"]
     assert sorted((tmp_path / "calls").read_text()) == ["a", "b", "b", "b", "c"]
     assert told.calls == [(2, 3), (3, 3)]
-    assert all((Path(row["folder"]) / "kept.txt").exists() for row in done)
+    assert all((Path(row.folder) / "kept.txt").exists() for row in done)
 
 
-def test_other_settings_and_other_boards_have_other_places(rows: list[Trial]) -> None:
+def test_other_settings_and_other_benchmarks_have_other_places(rows: list[Trial]) -> None:
     other = Trial(rows[0].name, rows[0].work, {**rows[0].settings, "value": 9})
     assert rows[0].folder("probe") != other.folder("probe")
     assert rows[0].folder("probe") != rows[0].folder("another")
@@ -70,8 +77,8 @@ def test_more_rows_than_processes_may_serve_come_to_an_end(rows: list[Trial]) ->
         Trial(f"row-{k}", rows[0].work, {**rows[0].settings, "name": "m", "value": k})
         for k in range(7)
     ]
-    done = run_trials("many", many, Told(), workers=2)
-    assert [row["twice"] for row in done] == [2 * k for k in range(7)]
+    done = run_trials("many", many, Kept, Told(), workers=2)
+    assert [row.twice for row in done] == [2 * k for k in range(7)]
 
 
 def test_a_process_that_dies_is_a_row_that_failed(
@@ -82,5 +89,5 @@ def test_a_process_that_dies_is_a_row_that_failed(
     )
     row = Trial("gone", "deadly_work:work", {})
     with pytest.raises(InputError, match="gone: its process died"):
-        run_trials("probe", [row, rows[0]], Told(), workers=1)
-    assert (rows[0].folder("probe") / "row.json").exists()
+        run_trials("probe", [row, rows[0]], Kept, Told(), workers=1)
+    assert (rows[0].folder("probe") / "trial.json").exists()

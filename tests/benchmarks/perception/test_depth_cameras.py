@@ -53,34 +53,6 @@ def test_without_real_maps_there_is_a_page_and_a_plot(
     assert picture.std() > 20.0
 
 
-def test_the_committed_run_was_whole_and_agrees_with_real_maps(report: dict[str, Any]) -> None:
-    results = report["results"]
-    assert report["quick"] is False
-    real, simulated = results["real"]["maps"], results["simulated"]
-    assert len(real) == 17
-    assert results["simulated_step"] == pytest.approx(results["real"]["step"], rel=0.005)
-
-    def middle(rows: list[Results], key: str) -> float:
-        return float(np.median([row[key] for row in rows]))
-
-    for key, share in (("table_rms", 0.15), ("rest_rms", 0.1), ("column_rms", 0.35)):
-        assert middle(simulated, key) == pytest.approx(middle(real, key), rel=share)
-    for lag in range(6):
-        alike = [np.median([r["along_rows"][lag] for r in rows]) for rows in (real, simulated)]
-        assert alike[1] == pytest.approx(alike[0], abs=0.15)
-    assert results["largest_found"]["xtion"] == 1.0
-    leaf = results["leaf"]
-    assert leaf["xtion"]["edge"]["flying"] < 0.01
-    assert leaf["tof"]["edge"]["flying"] > 0.05
-    assert leaf["xtion"]["edge"]["shadow"][1] == 0
-    law = leaf["xtion"]["edge"]["shadow_law"]
-    assert leaf["xtion"]["edge"]["shadow"][0] == pytest.approx(law, abs=3.0)
-    assert leaf["xtion_close"]["holes"] == 1.0
-    assert leaf["tof_close"]["holes"] < 0.01
-    garment = results["garment"]
-    assert garment["xtion"]["garment_holes"] > 5.0 * garment["tof"]["garment_holes"]
-
-
 def test_the_step_of_known_levels() -> None:
     depth = np.rint(1e3 / (0.0029 * np.arange(280, 390))) * 1e-3
     levels = levels_of(np.concatenate([depth, depth]))

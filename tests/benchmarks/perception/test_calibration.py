@@ -1,5 +1,6 @@
 """The calibration benchmark's scene and its table."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -58,38 +59,33 @@ def test_units_stand_where_they_were_sent_but_for_their_repeatability() -> None:
 
 @pytest.mark.parametrize("whole", [True, False])
 def test_table(whole: bool) -> None:
-    eye = {
-        "turn": 1.8e-5,
-        "shift": 3e-5,
-        "tsai_turn": 9e-5,
-        "tsai_shift": 7e-5,
-        "focal_error": 1e-6,
-    }
-    row: dict[str, Any] = {
-        "repeatability": 0.0,
-        "eyes": [eye, {**eye, "turn": 3.5e-5}],
+    eye = calibration.EyeErrors(1.8e-5, 3e-5, 9e-5, 7e-5, 1e-5, 1e-5, 1e-6, 0.1)
+    errors: dict[str, Any] = {
+        "eyes": (eye, dataclasses.replace(eye, turn=3.5e-5)),
         "base_turn": 2e-5,
         "base_shift": 1e-5,
+        "joint_noise": 0.0,
         "rms_px": 0.05,
+        "row_error_px": 0.1,
+        "repeatability": 0.0,
     }
-    results: dict[str, Any] = {
-        "corner_noise_px": 0.04,
-        "real": None,
-        "synthetic": [row, row],
-        "rendered": [{**row, "corner_error_px": 0.03}],
-        "range_maps": [],
-    }
-    if whole:
-        results["real"] = {
-            "pairs": 8,
-            "time": 1.0,
-            "rms_px": 0.13,
-            "row_error_px": 0.11,
-            "focal_difference_max": 0.003,
-            "focal_sigma_px": [1.3, 1.2],
-            "focal_owner_px": 518.0,
-        }
-        results["range_maps"] = [{"rms": 2.2e-4, "rms_true": 2.0e-4}]
+    synthetic = calibration.SyntheticHead(seed=0, **errors)
+    rendered = calibration.RenderedHead(
+        pairs=20, stereo_rms_px=0.1, corner_error_px=0.03, rejected=(), **errors
+    )
+    real = calibration.ChessboardFigures(
+        8, 0.13, 0.11, (517.0, 519.0), (1.3, 1.2), 518.0, 0.003, 1.0
+    )
+    results = calibration.CalibrationResult(
+        corner_noise_px=0.04,
+        repeatability=0.0,
+        real=real if whole else None,
+        synthetic=(synthetic, synthetic),
+        rendered=(rendered,),
+        range_maps=(calibration.RangeMapErrors((0.0,), 2.2e-4, 2.0e-4),) if whole else (),
+        mount_turn_error=0.0,
+        mount_shift_error=0.0,
+    )
     page = calibration.table(results)
     assert "| 2.0 mdeg, 0.03 mm |" in page
     assert "2 heads, median (worst)" in page

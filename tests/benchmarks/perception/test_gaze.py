@@ -1,10 +1,13 @@
 """The benchmark of gaze: its truth, and the loop closed through small rendered pictures."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from benchmarks.perception.gaze import benchmark as gaze
 from benchmarks.perception.gaze.rendered_head import HeadInCell
+from benchmarks.perception.gaze.visual_search import SearchFigures
 from unwrinkle.perception.gaze.vergence import TOLERANCE
 
 
@@ -30,39 +33,52 @@ def test_truth_is_the_surface_that_the_eye_sees(cell: HeadInCell) -> None:
 @pytest.mark.parametrize("case", list(gaze.CASES))
 def test_the_loop_closes_in_the_rendered_cell(cell: HeadInCell, case: str) -> None:
     target, aim = gaze._target(cell)
-    row = gaze._start(cell, case, target, aim, np.random.default_rng(1))
-    assert row["settled"], row["reason"]
-    assert row["looks"] <= 4
+    row = gaze._start(cell, case, "print", 0, target, aim, np.random.default_rng(1))
+    assert row.settled, row.reason
+    assert row.looks <= 4
     # A quarter of the size: a pixel is 31 mdeg, and a window covers a whole wrinkle.
-    assert row["error"] < 2.0 * TOLERANCE
-    assert len(row["times"]) == len(row["offsets"]) == row["looks"]
-    assert max(row["start_offset"]) > 10 * TOLERANCE
+    assert row.error < 2.0 * TOLERANCE
+    assert len(row.times) == len(row.offsets) == row.looks
+    assert max(row.start_offset) > 10 * TOLERANCE
 
 
 def test_the_table_states_what_was_measured() -> None:
-    row = {
-        "case": "gaze",
-        "cloth": "terry",
-        "start_offset": [0.1, 0.2],
-        "looks": 2,
-        "converged": True,
-        "error": 2e-4,
-        "left_error": 1e-4,
-        "right_error": 2e-4,
-        "vergence_error": 3e-4,
-    }
-    verged = row | {"case": "vergence", "converged": False}
-    results = {
-        "tolerance": TOLERANCE,
-        "step": 2.244e-4,
-        "time_per_look_median": 0.1,
-        "time_per_look_max": 0.2,
-        "vergence_error_max": 3e-4,
-        "cases": [gaze._summary(case, [r for r in (row, verged) if r["case"] == case])
-                  for case in gaze.CASES],
-        "search": {"scenes": 1, "things": 4, "found": 3, "wrong": 0, "time_median": 0.5},
-        "rows": [row, verged],
-    }  # fmt: skip
+    row = gaze.GazeStart(
+        case="gaze",
+        cloth="terry",
+        start=0,
+        start_offset=(0.1, 0.2),
+        offsets=(),
+        looks=2,
+        settled=True,
+        reason="",
+        error=2e-4,
+        left_error=1e-4,
+        right_error=2e-4,
+        vergence_error=3e-4,
+        converged=True,
+        correlation=(),
+        times=(),
+    )
+    verged = dataclasses.replace(row, case="vergence", converged=False)
+    trials = (row, verged)
+    results = gaze.GazeResult(
+        starts=1,
+        starts_converged=1,
+        looks_max=2,
+        error_max=2e-4,
+        error_median=2e-4,
+        vergence_error_max=3e-4,
+        time_per_look_median=0.1,
+        time_per_look_max=0.2,
+        tolerance=TOLERANCE,
+        step=2.244e-4,
+        cases=tuple(
+            gaze._summary(case, [r for r in trials if r.case == case]) for case in gaze.CASES
+        ),
+        search=SearchFigures(1, 4, 3, 0, 0.5),
+        trials=trials,
+    )
     page = gaze.table(results)
     assert "| 1 | 1 | 2 | 11.5 | 11.5 |" in page
     assert "| 1 | 0 | 2 | 11.5 | 11.5 |" in page
