@@ -3,13 +3,13 @@
 import base64
 import zlib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.cloth import closed_forms
-from benchmarks.cloth import rest as _cloth_rest
+from benchmarks.cloth import rest as resting
+from benchmarks.cloth.results import ClothResult, Compared, StartFigures
 from benchmarks.harness.report import Progress
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.io.files import atomic_path
@@ -27,50 +27,52 @@ _PICTURES = (
     ("tshirt", "jersey", "bunched"),
     ("trousers", "cotton", "bunched"),
 )
+#: The longest pull, share of the slack of each hand.
+_LONGEST = f"{resting.SHARES[-1]:g}"
 _RESOLUTION = 2e-3  # m, of the pictures
 
 
-def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
+def run(*, quick: bool, seed: int, progress: Progress) -> ClothResult:
     """Run every check; the towel's starts are made from `seed`."""
     stages = 6
     progress(0, stages, "closed forms")
     checks = closed_forms.run_checks()
     progress(1, stages, "rest")
-    rest = _cloth_rest.rest(seed)
+    rest = resting.rest(seed)
     progress(2, stages, "pulls")
-    pulls = _cloth_rest.pulls(seed, 2 if quick else len(_cloth_rest.WRINKLES))
+    pulls = resting.pulls(seed, 2 if quick else len(resting.WRINKLES))
     progress(3, stages, "two processes")
-    same = _cloth_rest.same_bits(40 if quick else 80, seed)
+    same = resting.same_bits(40 if quick else 80, seed)
     progress(4, stages, "cost")
     sizes = (60, 80) if quick else (60, 80, 100, 120)
-    cost = _cloth_rest.cost(sizes, 3 if quick else 9, seed)
+    cost = resting.cost(sizes, 3 if quick else 9, seed)
     progress(5, stages, "pictures")
-    starts = [_start(*names, 48 if quick else 80, seed) for names in _PICTURES]
+    starts = tuple(_start(*names, 48 if quick else 80, seed) for names in _PICTURES)
     progress(stages, stages, "done")
-    return {
-        "checks": checks,
-        "rest": rest,
-        "pulls": pulls,
-        "pulls_flat_at_1.1": sum(r["after"]["1.1"]["height"] < 1.5e-3 for r in pulls),
-        "same_bits": same,
-        "cost": cost,
-        "starts": starts,
-    }
+    return ClothResult(
+        checks=checks,
+        rest=rest,
+        pulls=pulls,
+        pulls_flat=sum(r.after[_LONGEST].height < 1.5e-3 for r in pulls),
+        same_bits=same,
+        cost=cost,
+        starts=starts,
+    )
 
 
-def _start(garment: str, material: str, name: str, nodes: int, seed: int) -> dict[str, Any]:
+def _start(garment: str, material: str, name: str, nodes: int, seed: int) -> StartFigures:
     cloth = Cloth(outline(garment, nodes), load_material(material), TABLE)
-    state = start_state(cloth, name, _cloth_rest.CENTRE, seed)
+    state = start_state(cloth, name, resting.CENTRE, seed)
     heights, _ = height_map(cloth, state, _RESOLUTION)
-    return {
-        "garment": garment,
-        "material": material,
-        "start": name,
-        "asleep": state.asleep,
+    return StartFigures(
+        garment=garment,
+        material=material,
+        start=name,
+        asleep=state.asleep,
         **measure(cloth, state).to_json(),
-        "shape": list(heights.shape),
-        "height_map": _packed(heights),
-    }
+        shape=(heights.shape[0], heights.shape[1]),
+        height_map=_packed(heights),
+    )
 
 
 def _packed(heights: NDArray[np.float64]) -> str:
@@ -79,16 +81,16 @@ def _packed(heights: NDArray[np.float64]) -> str:
     return base64.b64encode(zlib.compress(steps.astype("<u2").tobytes(), 9)).decode()
 
 
-def _unpacked(text: str, shape: list[int]) -> NDArray[np.float64]:
+def _unpacked(text: str, shape: tuple[int, int]) -> NDArray[np.float64]:
     """Return what `_packed` packed, m."""
     steps = np.frombuffer(zlib.decompress(base64.b64decode(text)), dtype="<u2").reshape(shape)
     return np.where(steps == 0, np.nan, (steps.astype(float) - 100.0) * 1e-5)
 
 
-def table(results: dict[str, Any]) -> str:
+def table(results: ClothResult) -> str:
     """Return one table per question."""
-    checks = results["checks"]
-    lengths = [r["bending_length_material"] for r in checks["cantilever"] if not r["plastic"]]
+    checks = results.checks
+    lengths = [r.bending_length_material for r in checks.cantilever if not r.plastic]
     peirce = ", ".join(f"{1e3 * length:.2f}" for length in lengths)
     lines = [
         "Terry, 80 nodes a side, time step 1 ms unless said. No towel was measured: what is checked is that",
@@ -99,29 +101,32 @@ def table(results: dict[str, Any]) -> str:
         "| check | stated | simulated | closed form | off (%) |",
         "|---|---|---|---|---|",
     ]
-    for row in checks["cantilever"]:
-        kind = "elastic" if not row["plastic"] else "as shipped, slips"
+    for row in checks.cantilever:
+        kind = "elastic" if not row.plastic else "as shipped, slips"
         lines.append(
-            f"| cantilever, bending length (mm), overhang {1e3 * row['overhang']:.0f} mm | "
-            f"B = {row['bending']:.0e} N m, {kind} | {1e3 * row['bending_length']:.2f} | "
-            f"{1e3 * row['bending_length_exact']:.2f} | {100 * row['error']:+.1f} |"
+            f"| cantilever, bending length (mm), overhang {1e3 * row.overhang:.0f} mm | "
+            f"B = {row.bending:.0e} N m, {kind} | {1e3 * row.bending_length:.2f} | "
+            f"{1e3 * row.bending_length_exact:.2f} | {100 * row.error:+.1f} |"
         )
-    for key, what, unit in (("stretch", "Y", 1e3), ("shear", "G", 1e3)):
-        for row in checks[key]:
-            lines.append(
-                f"| {key} of a strip under its weight (mm) | {what} = {row[key]:g} N/m | "
-                f"{unit * row['found']:.3f} | {unit * row['exact']:.3f} | {100 * row['error']:+.1f} |"
-            )
-    for row in checks["sag"]:
+    strips: list[tuple[str, str, float, Compared]] = [
+        *(("stretch", "Y", row.stretch, row) for row in checks.stretch),
+        *(("shear", "G", row.shear, row) for row in checks.shear),
+    ]
+    for name, symbol, stated, strip in strips:
         lines.append(
-            f"| sag between two edges (mm) | {row['length']:.3f} m over {row['span']:.3f} m | "
-            f"{1e3 * row['found']:.1f} | {1e3 * row['exact']:.1f} | {100 * row['error']:+.1f} |"
+            f"| {name} of a strip under its weight (mm) | {symbol} = {stated:g} N/m | "
+            f"{1e3 * strip.found:.3f} | {1e3 * strip.exact:.3f} | {100 * strip.error:+.1f} |"
         )
-    for row in checks["incline"]:
+    for sag in checks.sag:
         lines.append(
-            f"| incline where it slides (deg) | friction {row['friction']:g} | "
-            f"{np.degrees(row['found']):.2f} | {np.degrees(row['exact']):.2f} | "
-            f"{100 * row['error']:+.1f} |"
+            f"| sag between two edges (mm) | {sag.length:.3f} m over {sag.span:.3f} m | "
+            f"{1e3 * sag.found:.1f} | {1e3 * sag.exact:.1f} | {100 * sag.error:+.1f} |"
+        )
+    for incline in checks.incline:
+        lines.append(
+            f"| incline where it slides (deg) | friction {incline.friction:g} | "
+            f"{np.degrees(incline.found):.2f} | {np.degrees(incline.exact):.2f} | "
+            f"{100 * incline.error:+.1f} |"
         )
     lines += [
         "",
@@ -145,17 +150,17 @@ def table(results: dict[str, Any]) -> str:
         "|---|---|---|---|---|---|---|---|---|",
     ]
     lines += [
-        f"| {r['state']} | {100 * r['area_error']:+.2f} | {100 * r['yarn_error']:.2f} | "
-        f"{1e3 * r['moved_in_2s']:.3f} | {r['kinetic_after_2s']:.1e} | {r['kick']:.1e} | "
-        f"{r['kick_after_20ms']:.1e} | {r['kick_largest_later']:.1e} | {r['kick_after_1s']:.1e} |"
-        for r in results["rest"]
+        f"| {r.state} | {100 * r.area_error:+.2f} | {100 * r.yarn_error:.2f} | "
+        f"{1e3 * r.moved_in_2s:.3f} | {r.kinetic_after_2s:.1e} | {r.kick:.1e} | "
+        f"{r.kick_after_20ms:.1e} | {r.kick_largest_later:.1e} | {r.kick_after_1s:.1e} |"
+        for r in results.rest
     ]
     lines += ["", *_pull_lines(results), "", *_cost_lines(results), "", *_start_lines(results)]
     return "\n".join([*lines, ""])
 
 
-def _pull_lines(results: dict[str, Any]) -> list[str]:
-    shares = [f"{share:g}" for share in _cloth_rest.SHARES]
+def _pull_lines(results: ClothResult) -> list[str]:
+    shares = [f"{share:g}" for share in resting.SHARES]
     names = " | ".join(f"{share} x slack each: left (mm)" for share in shares)
     lines = [
         "## Single wrinkles, one pull by two hands",
@@ -168,24 +173,24 @@ def _pull_lines(results: dict[str, Any]) -> list[str]:
         f"| direction (deg) | slack (mm) | height (mm) | creep in 1 s (mm) | {names} | stretched (%) |",
         "|---|---|---|---|" + "---|" * (len(shares) + 1),
     ]
-    for row in results["pulls"]:
-        left = " | ".join(f"{1e3 * row['after'][share]['height']:.1f}" for share in shares)
+    for row in results.pulls:
+        left = " | ".join(f"{1e3 * row.after[share].height:.1f}" for share in shares)
         lines.append(
-            f"| {np.degrees(row['direction']):+.0f} | {1e3 * row['slack']:.0f} | "
-            f"{1e3 * row['height']:.1f} | {1e3 * row['creep']:.3f} | {left} | "
-            f"{100 * row['after'][shares[-1]]['stretch_in_pull']:.1f} |"
+            f"| {np.degrees(row.direction):+.0f} | {1e3 * row.slack:.0f} | "
+            f"{1e3 * row.height:.1f} | {1e3 * row.creep:.3f} | {left} | "
+            f"{100 * row.after[shares[-1]].stretch_in_pull:.1f} |"
         )
-    flat = results["pulls_flat_at_1.1"]
-    lines += ["", f"Below 1.5 mm after 1.1 x slack each: {flat} of {len(results['pulls'])}."]
+    flat = results.pulls_flat
+    lines += ["", f"Below 1.5 mm after 1.1 x slack each: {flat} of {len(results.pulls)}."]
     return lines
 
 
-def _cost_lines(results: dict[str, Any]) -> list[str]:
-    same, cost = results["same_bits"], results["cost"]
-    verdict = "the same bits" if same["same"] else "DIFFERENT bits"
+def _cost_lines(results: ClothResult) -> list[str]:
+    same, cost = results.same_bits, results.cost
+    verdict = "the same bits" if same.same else "DIFFERENT bits"
     repeated = (
-        f"A bunched towel of {same['nodes']} nodes a side, seed {same['seed']}, made in two "
-        f"processes: {verdict} (SHA-256 {same['hashes'][0][:16]})."
+        f"A bunched towel of {same.nodes} nodes a side, seed {same.seed}, made in two "
+        f"processes: {verdict} (SHA-256 {same.hashes[0][:16]})."
     )
     lines = [
         "## Repeatability",
@@ -201,16 +206,15 @@ def _cost_lines(results: dict[str, Any]) -> list[str]:
         "|---|---|---|---|---|",
     ]
     lines += [
-        f"| {r['nodes']} | {r['lying']:.2f} | {r['pulled']:.2f} | {r['folded']:.2f} | "
-        f"{r['asleep']:.4f} |"
-        for r in cost["rows"]
+        f"| {r.nodes} | {r.lying:.2f} | {r.pulled:.2f} | {r.folded:.2f} | {r.asleep:.4f} |"
+        for r in cost.sizes
     ]
-    power = cost["exponent_of_side"]
+    power = cost.exponent_of_side
     lines += ["", f"Lying, the cost grows as the nodes a side to the power {power:.2f}."]
     return lines
 
 
-def _start_lines(results: dict[str, Any]) -> list[str]:
+def _start_lines(results: ClothResult) -> list[str]:
     lines = [
         "## Starting states",
         "",
@@ -218,15 +222,15 @@ def _start_lines(results: dict[str, Any]) -> list[str]:
         "|---|---|---|---|---|---|---|",
     ]
     lines += [
-        f"| {s['garment']} ({s['material']}) | {s['start']} | {100 * s['coverage']:.1f} | "
-        f"{1e3 * s['height']:.1f} | {100 * s['above_5mm']:.1f} | {100 * s['overstretch']:.1f} | "
-        f"{'yes' if s['asleep'] else 'no'} |"
-        for s in results["starts"]
+        f"| {s.garment} ({s.material}) | {s.start} | {100 * s.coverage:.1f} | "
+        f"{1e3 * s.height:.1f} | {100 * s.above_5mm:.1f} | {100 * s.overstretch:.1f} | "
+        f"{'yes' if s.asleep else 'no'} |"
+        for s in results.starts
     ]
     return [*lines, "", "![The starting states, shaded from the upper left](cloth.png)"]
 
 
-def plot(results: dict[str, Any], path: str | Path) -> None:
+def plot(results: ClothResult, path: str | Path) -> None:
     """Draw the starting states as shaded height maps."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LightSource
@@ -235,9 +239,9 @@ def plot(results: dict[str, Any], path: str | Path) -> None:
     figure = Figure(figsize=(12.0, 7.4), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
     light = LightSource(azdeg=315, altdeg=40)
-    for place, start in enumerate(results["starts"]):
+    for place, start in enumerate(results.starts):
         axes = figure.add_subplot(2, 3, place + 1)
-        heights = _unpacked(start["height_map"], start["shape"])
+        heights = _unpacked(start.height_map, start.shape)
         missing = np.isnan(heights)
         shade = light.hillshade(
             np.where(missing, -3e-3, heights), vert_exag=1.0, dx=_RESOLUTION, dy=_RESOLUTION
@@ -251,7 +255,7 @@ def plot(results: dict[str, Any], path: str | Path) -> None:
             origin="lower",
             extent=(0.0, size[0], 0.0, size[1]),
         )
-        axes.set(title=f"{start['garment']}, {start['start']}", xlabel="x (m)", ylabel="y (m)")
+        axes.set(title=f"{start.garment}, {start.start}", xlabel="x (m)", ylabel="y (m)")
         axes.set_facecolor("#c8b89a")
     with atomic_path(path) as temporary:
         figure.savefig(temporary)

@@ -1,13 +1,13 @@
 """A simulated cloth against closed forms: cantilever, stretch, shear, sag, incline."""
 
 import dataclasses as dc
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 
+from benchmarks.cloth.results import Cantilever, Checks, Incline, Sag, Shear, Stretch
 from unwrinkle.models.cloth import ClothMaterial, load_material
 from unwrinkle.models.table import Table
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
@@ -33,7 +33,7 @@ def laid_out(cloth: Cloth) -> ClothState:
     return ClothState(0.0, positions, zeros, np.zeros((4, cloth.size)))
 
 
-def cantilever(material: ClothMaterial, overhang: float, spacing: float = 0.003) -> dict[str, Any]:
+def cantilever(material: ClothMaterial, overhang: float, spacing: float = 0.003) -> Cantilever:
     """Peirce's test: a wide strip held at one end; tip and bending length, simulated and exact.
 
     The exact shape is the heavy elastica's, with the material's own moment (elastic and slipping).
@@ -56,22 +56,23 @@ def cantilever(material: ClothMaterial, overhang: float, spacing: float = 0.003)
         _bending_length(length, drop, out),
         _bending_length(length, exact_drop, exact_out),
     )
-    return {
-        "bending": material.first_bending,
-        "plastic": material.plastic_bending > 0.0,
-        "overhang": length,
-        "tip_drop": drop,
-        "tip_drop_exact": exact_drop,
-        "bending_length": found,
-        "bending_length_exact": exact,
-        "bending_length_material": (material.first_bending / (material.areal_density * G))
-        ** (1 / 3),
-        "error": found / exact - 1.0,
-        "asleep": state.asleep,
-    }
+    return Cantilever(
+        bending=material.first_bending,
+        plastic=material.plastic_bending > 0.0,
+        overhang=length,
+        tip_drop=drop,
+        tip_drop_exact=exact_drop,
+        bending_length=found,
+        bending_length_exact=exact,
+        bending_length_material=(
+            (material.first_bending / (material.areal_density * G)) ** (1 / 3)
+        ),
+        error=found / exact - 1.0,
+        asleep=state.asleep,
+    )
 
 
-def stretch(material: ClothMaterial) -> dict[str, Any]:
+def stretch(material: ClothMaterial) -> Stretch:
     """Ten times its weight along a strip held at one end: lengthening against weight * L / (2 E).
 
     With free sides, E = Y + k Y / (Y + k) for yarns Y and diagonals k: these resist a little too.
@@ -85,10 +86,10 @@ def stretch(material: ClothMaterial) -> dict[str, Any]:
     found = float(grid[0, -1].mean() - grid[0, 0].mean()) - length
     y, k = material.stretch, material.shear
     exact = material.areal_density * pull * length**2 / (2.0 * (y + k * y / (y + k)))
-    return {"stretch": y, "found": found, "exact": exact, "error": found / exact - 1.0}
+    return Stretch(stretch=y, found=found, exact=exact, error=found / exact - 1.0)
 
 
-def shear(material: ClothMaterial) -> dict[str, Any]:
+def shear(material: ClothMaterial) -> Shear:
     """Its weight along the free edge of a short, wide strip: slip of that edge against weight * L /
     (2 G).
 
@@ -103,10 +104,10 @@ def shear(material: ClothMaterial) -> dict[str, Any]:
     inner = slice(ny // 4, 3 * ny // 4)  # near its ends the shear is not even
     found = float((grid[1, -1] - grid[1, 0])[inner].mean())
     exact = material.areal_density * G * ((nx - 1) * h) ** 2 / (2.0 * material.shear)
-    return {"shear": material.shear, "found": found, "exact": exact, "error": found / exact - 1.0}
+    return Shear(shear=material.shear, found=found, exact=exact, error=found / exact - 1.0)
 
 
-def sag(material: ClothMaterial, slack: float = 1.1) -> dict[str, Any]:
+def sag(material: ClothMaterial, slack: float = 1.1) -> Sag:
     """A limp cloth between two edges, `slack` times as long as their distance.
 
     Sag of the catenary.
@@ -131,17 +132,17 @@ def sag(material: ClothMaterial, slack: float = 1.1) -> dict[str, Any]:
         tension = limp.areal_density * G * (0.5 * a + 0.25 * span / np.tanh(span / (2 * a)))
         stretched = length * (1.0 + tension / limp.stretch)
         exact = _catenary(span, stretched)
-    return {
-        "span": span,
-        "length": length,
-        "length_stretched": float(stretched),
-        "found": found,
-        "exact": exact[0],
-        "error": found / exact[0] - 1.0,
-    }
+    return Sag(
+        span=span,
+        length=length,
+        length_stretched=float(stretched),
+        found=found,
+        exact=exact[0],
+        error=found / exact[0] - 1.0,
+    )
 
 
-def incline(material: ClothMaterial) -> dict[str, Any]:
+def incline(material: ClothMaterial) -> Incline:
     """The angle of the table at which a patch begins to slide, against arctan(friction), rad."""
     n, h = 24, 0.006
 
@@ -161,15 +162,15 @@ def incline(material: ClothMaterial) -> dict[str, Any]:
         middle = 0.5 * (low + high)
         low, high = (low, middle) if slides(middle) else (middle, high)
     exact = float(np.arctan(material.friction))
-    return {
-        "friction": material.friction,
-        "found": 0.5 * (low + high),
-        "exact": exact,
-        "error": 0.5 * (low + high) / exact - 1.0,
-    }
+    return Incline(
+        friction=material.friction,
+        found=0.5 * (low + high),
+        exact=exact,
+        error=0.5 * (low + high) / exact - 1.0,
+    )
 
 
-def run_checks() -> dict[str, Any]:
+def run_checks() -> Checks:
     """Run all of them."""
     terry = load_material("terry")
     elastic = [
@@ -177,13 +178,13 @@ def run_checks() -> dict[str, Any]:
         for b, overhang in ((3e-5, 0.036), (1e-4, 0.054), (3e-4, 0.081))
     ]
     shipped = [cantilever(terry, 0.036)]
-    return {
-        "cantilever": elastic + shipped,
-        "stretch": [stretch(load_material(name)) for name in ("terry", "cotton", "jersey")],
-        "shear": [shear(load_material(name)) for name in ("terry", "cotton", "jersey")],
-        "sag": [sag(terry, slack) for slack in (1.05, 1.2)],
-        "incline": [incline(terry.changed(friction=mu)) for mu in (0.3, 0.6, 0.8)],
-    }
+    return Checks(
+        cantilever=(*elastic, *shipped),
+        stretch=tuple(stretch(load_material(name)) for name in ("terry", "cotton", "jersey")),
+        shear=tuple(shear(load_material(name)) for name in ("terry", "cotton", "jersey")),
+        sag=tuple(sag(terry, slack) for slack in (1.05, 1.2)),
+        incline=tuple(incline(terry.changed(friction=mu)) for mu in (0.3, 0.6, 0.8)),
+    )
 
 
 def _step(material: ClothMaterial, spacing: float) -> float:

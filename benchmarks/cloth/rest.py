@@ -7,10 +7,10 @@ import sys
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 
+from benchmarks.cloth.results import AfterPull, Cost, PullFigures, RestFigures, SameBits, SizeCost
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import UnwrinkleError
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
@@ -72,7 +72,7 @@ def pull_out(
     return cloth.settle(let_go(cloth, state)), stretched
 
 
-def pulls(seed: int, count: int) -> list[dict[str, Any]]:
+def pulls(seed: int, count: int) -> tuple[PullFigures, ...]:
     """Flatten `count` single wrinkles with one action each, at several pulls."""
     cloth, rng, rows = towel(), np.random.default_rng(seed), []
     for degrees, slack in WRINKLES[:count]:
@@ -80,28 +80,28 @@ def pulls(seed: int, count: int) -> list[dict[str, Any]]:
         begin = time.thread_time()
         start = ridge(cloth, CENTRE, direction, slack, offset=offset)
         still = cloth.advance(awake(start), 1.0)
-        row: dict[str, Any] = {
-            "direction": direction,
-            "slack": slack,
-            "offset": offset,
-            "height": largest_height(cloth, start),
-            "settled_after": start.time,
-            "creep": float(np.abs(still.positions - start.positions).max()),
-            "after": {},
-        }
+        after = {}
         for share in SHARES:
             end, stretched = pull_out(cloth, start, direction, offset, share * slack)
-            truth = measure(cloth, end).to_json()
-            row["after"][f"{share:g}"] = truth | {
-                "stretch_in_pull": stretched,
-                "asleep": end.asleep,
-            }
-        row["cpu"] = time.thread_time() - begin
-        rows.append(row)
-    return rows
+            after[f"{share:g}"] = AfterPull(
+                **measure(cloth, end).to_json(), stretch_in_pull=stretched, asleep=end.asleep
+            )
+        rows.append(
+            PullFigures(
+                direction=direction,
+                slack=slack,
+                offset=offset,
+                height=largest_height(cloth, start),
+                settled_after=start.time,
+                creep=float(np.abs(still.positions - start.positions).max()),
+                after=after,
+                cpu=time.thread_time() - begin,
+            )
+        )
+    return tuple(rows)
 
 
-def rest(seed: int) -> list[dict[str, Any]]:
+def rest(seed: int) -> tuple[RestFigures, ...]:
     """Wake settled states: does anything grow, is the cloth as long and as wide as it was made?"""
     cloth, rows = towel(), []
     rng = np.random.default_rng(seed)
@@ -128,20 +128,20 @@ def rest(seed: int) -> list[dict[str, Any]]:
             kicked = awake(cloth.advance(kicked, 0.02))
             energies.append(_kinetic(kicked, masses))
         rows.append(
-            {
-                "state": name,
-                "asleep": state.asleep,
-                "area_error": float(area / cloth.outline.area - 1.0),
-                "yarn_error": strain,
-                "moved_in_2s": float(np.abs(later.positions - state.positions).max()),
-                "kinetic_after_2s": _kinetic(later, masses),
-                "kick": energies[0],
-                "kick_after_20ms": energies[1],
-                "kick_largest_later": max(energies[2:]),
-                "kick_after_1s": energies[-1],
-            }
+            RestFigures(
+                state=name,
+                asleep=state.asleep,
+                area_error=float(area / cloth.outline.area - 1.0),
+                yarn_error=strain,
+                moved_in_2s=float(np.abs(later.positions - state.positions).max()),
+                kinetic_after_2s=_kinetic(later, masses),
+                kick=energies[0],
+                kick_after_20ms=energies[1],
+                kick_largest_later=max(energies[2:]),
+                kick_after_1s=energies[-1],
+            )
         )
-    return rows
+    return tuple(rows)
 
 
 def _kinetic(state: ClothState, mass: float) -> float:
@@ -156,7 +156,7 @@ def fingerprint(nodes: int, seed: int) -> str:
     return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()
 
 
-def same_bits(nodes: int, seed: int) -> dict[str, Any]:
+def same_bits(nodes: int, seed: int) -> SameBits:
     """Make a bunched towel in two new processes and compare every bit."""
     found = []
     for _ in range(2):
@@ -169,17 +169,17 @@ def same_bits(nodes: int, seed: int) -> dict[str, Any]:
         if done.returncode != 0:
             raise UnwrinkleError(f"a bunched towel could not be made: {done.stderr[-300:]}")
         found.append(done.stdout)
-    return {"nodes": nodes, "seed": seed, "hashes": found, "same": found[0] == found[1]}
+    return SameBits(nodes, seed, tuple(found), found[0] == found[1])
 
 
-def cost(sizes: tuple[int, ...], rounds: int, seed: int) -> dict[str, Any]:
-    """CPU seconds of this thread per simulated second; sizes in turn, so that all see one load.
+def cost(sizes: tuple[int, ...], rounds: int, seed: int) -> Cost:
+    """Measure CPU seconds of this thread per simulated second; sizes in turn, so that all see one load.
 
     On the table: a ridge, kept awake. Pulled: two hands 0.1 m/s apart, one up. Folded: a dropped
     towel, kept awake. Asleep: a call that does nothing.
     """
     cases: dict[int, dict[str, Callable[[], object]]] = {}
-    details: dict[int, dict[str, float]] = {}
+    heights: dict[int, float] = {}
     for nodes in sizes:
         cloth = towel(nodes)
         lying = ridge(cloth, CENTRE, 0.35, 0.025)
@@ -187,7 +187,7 @@ def cost(sizes: tuple[int, ...], rounds: int, seed: int) -> dict[str, Any]:
         for hand, sign in enumerate((1.0, -1.0)):
             held = take(cloth, held, hand, (CENTRE[0] + sign * 0.2, CENTRE[1], cloth.flat_height))
         folded = start_state(cloth, "dropped", CENTRE, seed)
-        details[nodes] = {"folded_height": largest_height(cloth, folded)}
+        heights[nodes] = largest_height(cloth, folded)
         cases[nodes] = {
             "lying": partial(_awake_for, cloth, lying, 0.1),
             "pulled": partial(carry, cloth, held, ((0.01, 0.0, 0.01), (-0.01, 0.0, 0.0)), 0.1),
@@ -202,11 +202,11 @@ def cost(sizes: tuple[int, ...], rounds: int, seed: int) -> dict[str, Any]:
                 case()
                 times[nodes][name].append(10.0 * (time.thread_time() - begin))
     rows = [
-        {"nodes": n, **details[n], **{name: float(np.median(v)) for name, v in times[n].items()}}
+        SizeCost(n, heights[n], **{name: float(np.median(v)) for name, v in times[n].items()})
         for n in sizes
     ]
-    growth = np.polyfit(np.log(sizes), np.log([row["lying"] for row in rows]), 1)[0]
-    return {"rows": rows, "exponent_of_side": float(growth), "rounds": rounds}
+    growth = np.polyfit(np.log(sizes), np.log([row.lying for row in rows]), 1)[0]
+    return Cost(tuple(rows), float(growth), rounds)
 
 
 def _awake_for(cloth: Cloth, state: ClothState, duration: float) -> ClothState:

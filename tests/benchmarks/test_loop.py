@@ -1,12 +1,13 @@
 """The benchmark of whole runs, on records made up for it."""
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from benchmarks.loop import benchmark as loop
-from benchmarks.loop.benchmark import LoopResult
+from benchmarks.loop.benchmark import LoopResult, Repeated
 from benchmarks.loop.runs import Run
 
 
