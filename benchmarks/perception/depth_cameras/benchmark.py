@@ -1,5 +1,6 @@
 """The two depth cameras, structured light and time of flight: against real maps, laws and truth."""
 
+import dataclasses
 import time
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,18 @@ from benchmarks.perception.depth_cameras.noise import (
     step_of,
 )
 from benchmarks.perception.depth_cameras.page import page, plotted
+from benchmarks.perception.depth_cameras.results import (
+    DepthCamerasResult,
+    GarmentView,
+    LargestWrinkle,
+    LeafView,
+    MapFigures,
+    NoiseLaws,
+    RealMaps,
+    RidgeSize,
+    Section,
+    View,
+)
 from benchmarks.perception.depth_cameras.scenes import (
     CENTRE,
     NEAR,
@@ -50,7 +63,7 @@ _CAMERAS = ("xtion", "tof")
 _SHOWN = {"leaf": 11.0, "leaf close": 20.0, "garment": 15.0}  # degrees from the middle
 
 
-def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
+def run(*, quick: bool, seed: int, progress: Progress) -> DepthCamerasResult:
     """Measure both cameras; fewer maps and one towel if quick."""
     cell = load_cell()
     models = {name: load_depth_camera(name) for name in _CAMERAS}
@@ -66,14 +79,18 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
     xtion = models["xtion"]
     assert isinstance(xtion, StructuredLightCamera)
     step = xtion.inverse_step
-    real: dict[str, Any] = {"maps": []}
+    real = RealMaps()
     if captures:
         pooled = np.unique(np.concatenate(levels))
-        real["step"], real["step_rest"] = step_of(pooled, step)
-        real["levels"] = len(pooled)
-        real["maps"] = [{"name": n, **noise_figures(c, step, seed)} for n, c in captures]
-    wrinkles: list[dict[str, Any]] = []
-    simulated: list[dict[str, Any]] = []
+        found, rest = step_of(pooled, step)
+        real = RealMaps(
+            tuple(MapFigures(name=n, **vars(noise_figures(c, step, seed))) for n, c in captures),
+            found,
+            rest,
+            len(pooled),
+        )
+    wrinkles: list[LargestWrinkle] = []
+    simulated: list[MapFigures] = []
     for number in range(towels):
         progress(len(paths) + number, parts, f"towel {number}")
         towel = wrinkled_towel(seed + number)
@@ -89,38 +106,39 @@ def run(*, quick: bool, seed: int, progress: Progress) -> dict[str, Any]:
     progress(parts - 2, parts, "garment")
     garment = _garment(garment_scene(cell), models, seed)
     progress(parts - 1, parts, "laws")
-    return {
-        "real": real,
-        "simulated": simulated,
-        "simulated_step": step_of(levels_of(_tilted(xtion, seed)), step)[0],
-        "wrinkles": wrinkles,
-        "largest_found": {
-            name: float(np.mean([row["found"] for row in wrinkles if row["camera"] == name]))
+    return DepthCamerasResult(
+        real=real,
+        simulated=tuple(simulated),
+        simulated_step=step_of(levels_of(_tilted(xtion, seed)), step)[0],
+        wrinkles=tuple(wrinkles),
+        largest_found={
+            name: float(np.mean([row.found for row in wrinkles if row.camera == name]))
             for name in models
         },
-        "leaf": leaf,
-        "garment": garment,
-        "laws": [_law(distance, models, seed) for distance in _DISTANCES],
-    }
+        leaf=leaf,
+        garment=garment,
+        laws=tuple(_law(distance, models, seed) for distance in _DISTANCES),
+    )
 
 
-def table(results: dict[str, Any]) -> str:
+def table(results: DepthCamerasResult) -> str:
     """Return the results as Markdown."""
     return page(results)
 
 
-def plot(results: dict[str, Any], path: Path) -> None:
+def plot(results: DepthCamerasResult, path: Path) -> None:
     """Draw what both cameras see of a leaf and of a garment, and the Xtion's noise."""
     plotted(results, path)
 
 
 def _simulated(
     cell: Cell, renderer: Renderer, model: DepthCameraModel, height: float, step: float, seed: int
-) -> dict[str, Any]:
+) -> MapFigures:
     X_WC = overhead_pose(*CENTRE, TABLE + height)
     capture = depth_image(renderer, model, X_WC, seed)
     figures = noise_figures(_cropped(cell, capture), step, seed)
-    return {**figures, "name": f"simulated, {height:.2f} m", "holes": _holes(capture.depth)}
+    named = MapFigures(name=f"simulated, {height:.2f} m", **vars(figures))
+    return dataclasses.replace(named, holes=_holes(capture.depth))
 
 
 def _cropped(cell: Cell, capture: Any) -> Any:
@@ -133,7 +151,7 @@ def _holes(depth: NDArray[np.float32]) -> float:
 
 def _wrinkle(
     cell: Cell, renderer: Renderer, model: DepthCameraModel, towel: Towel, seed: int
-) -> dict[str, Any]:
+) -> LargestWrinkle:
     """The largest wrinkle as a camera in its place in the cell has it analysed."""
     X_WC = overhead_pose(*CENTRE, TABLE + _CELL_HEIGHT)
     clock = time.perf_counter()
@@ -149,19 +167,14 @@ def _wrinkle(
         table=cell.table,
     )
     ridge = towel.ridges[0]
-    row: dict[str, Any] = {
-        "camera": model.name,
-        "seed": seed,
-        "time": seconds,
-        "holes": _holes(capture.depth),
-        "wrinkles": len(analysis.wrinkles),
-        "truth": {
-            "length": ridge.length,
-            "width": 2.0 * ridge.sigma,
-            "chord_height": ridge.height * (1.0 - np.exp(-0.5)),
-        },
-        "found": False,
-    }
+    row = LargestWrinkle(
+        camera=model.name,
+        seed=seed,
+        time=seconds,
+        holes=_holes(capture.depth),
+        wrinkles=len(analysis.wrinkles),
+        truth=RidgeSize(ridge.length, 2.0 * ridge.sigma, ridge.height * (1.0 - np.exp(-0.5))),
+    )
     if not analysis.wrinkles:
         return row
     wrinkle = analysis.wrinkles[0]
@@ -170,41 +183,45 @@ def _wrinkle(
     beside = float(abs(along[0] * offset[1] - along[1] * offset[0]))
     direction = np.asarray(wrinkle.direction)[:2]
     turn = float(np.degrees(np.arccos(np.clip(abs(along @ direction), 0.0, 1.0))))
-    row |= {
-        "found": beside < 0.01 and turn < 10.0,
-        "beside": beside,
-        "turn": turn,
-        "length": wrinkle.length,
-        "width": wrinkle.width,
-        "chord_height": wrinkle.chord_height,
-    }
-    return row
+    return dataclasses.replace(
+        row,
+        found=beside < 0.01 and turn < 10.0,
+        beside=beside,
+        turn=turn,
+        length=wrinkle.length,
+        width=wrinkle.width,
+        chord_height=wrinkle.chord_height,
+    )
 
 
-def _leaf(renderer: Renderer, models: dict[str, DepthCameraModel], seed: int) -> dict[str, Any]:
+def _leaf(
+    renderer: Renderer, models: dict[str, DepthCameraModel], seed: int
+) -> dict[str, LeafView]:
     """The leaf by both cameras, from the cell's height and from near by."""
     result = {}
     for name, model in models.items():
         for key, height in ((name, _CELL_HEIGHT), (f"{name}_close", _CLOSE)):
             truth, reading = look(renderer, model, height, seed)
             shown = _SHOWN["leaf" if key == name else "leaf close"]
-            result[key] = {
-                **_view(truth, reading, model, height, shown),
-                "edge": edge_figures(truth, reading, model, height),
-            }
+            result[key] = LeafView(
+                **vars(_view(truth, reading, model, height, shown)),
+                edge=edge_figures(truth, reading, model, height),
+            )
     return result
 
 
-def _garment(renderer: Renderer, models: dict[str, DepthCameraModel], seed: int) -> dict[str, Any]:
+def _garment(
+    renderer: Renderer, models: dict[str, DepthCameraModel], seed: int
+) -> dict[str, GarmentView]:
     """The folded towel by both cameras."""
     result = {}
     for name, model in models.items():
         truth, reading = look(renderer, model, _CELL_HEIGHT, seed)
         on = truth > 0.001
-        result[name] = {
-            **_view(truth, reading, model, _CELL_HEIGHT, _SHOWN["garment"]),
-            "garment_holes": float(np.mean(np.isnan(reading[on]))),
-        }
+        result[name] = GarmentView(
+            **vars(_view(truth, reading, model, _CELL_HEIGHT, _SHOWN["garment"])),
+            garment_holes=float(np.mean(np.isnan(reading[on]))),
+        )
     return result
 
 
@@ -214,27 +231,23 @@ def _view(
     model: DepthCameraModel,
     height: float,
     shown: float,
-) -> dict[str, Any]:
+) -> View:
     """Pictures of the middle of the image, and its middle row."""
     row = truth.shape[0] // 2
     x, _ = model.camera.rays()
     half = int(model.camera.fx * np.tan(np.radians(shown)))
     middle = tuple(slice(max(0, length // 2 - half), length // 2 + half) for length in truth.shape)
-    return {
-        "height": height,
-        "holes": float(np.mean(np.isnan(reading))),
-        "section": {
-            "ray": _plain(x[row]),
-            "truth": _plain(truth[row]),
-            "reading": _plain(reading[row]),
-        },
-        "truth": stored(truth[middle]),
-        "reading": stored(reading[middle]),
-    }
+    return View(
+        height=height,
+        holes=float(np.mean(np.isnan(reading))),
+        section=Section(ray=_plain(x[row]), truth=_plain(truth[row]), reading=_plain(reading[row])),
+        truth=stored(truth[middle]),
+        reading=stored(reading[middle]),
+    )
 
 
-def _plain(values: NDArray[np.float64]) -> list[float | None]:
-    return [round(float(value), 5) if np.isfinite(value) else None for value in values]
+def _plain(values: NDArray[np.float64]) -> tuple[float | None, ...]:
+    return tuple(round(float(value), 5) if np.isfinite(value) else None for value in values)
 
 
 def _tilted(model: DepthCameraModel, seed: int) -> NDArray[np.float32]:
@@ -244,15 +257,9 @@ def _tilted(model: DepthCameraModel, seed: int) -> NDArray[np.float32]:
     return model.measured(np.tile(1.0 / inverse[:, None], (1, camera.width)), seed)
 
 
-def _law(distance: float, models: dict[str, DepthCameraModel], seed: int) -> dict[str, Any]:
+def _law(distance: float, models: dict[str, DepthCameraModel], seed: int) -> NoiseLaws:
     """Noise of single readings of a wall, over looks, and the published laws."""
-    row: dict[str, Any] = {
-        "distance": distance,
-        "khoshelham_step": 2.85e-3 * distance**2,
-        "khoshelham_sigma": 1.425e-3 * distance**2,
-        "nguyen_sigma": 0.0012 + 0.0019 * (distance - 0.4) ** 2,
-        "smisek_step": (2.73 * distance**2 + 0.74 * distance - 0.58) * 1e-3,
-    }
+    sigmas: dict[str, float | None] = {}
     for name, model in models.items():
         camera = model.ideal_camera
         wall = np.full((camera.height, camera.width), distance)
@@ -260,5 +267,13 @@ def _law(distance: float, models: dict[str, DepthCameraModel], seed: int) -> dic
         rows, columns = (slice(n // 4, 3 * n // 4) for n in looks.shape[1:])
         middle = looks[:, rows, columns].astype(float)
         seen = bool((middle > 0.0).all())
-        row[f"{name}_sigma"] = float(np.sqrt(np.mean(middle.var(axis=0, ddof=1)))) if seen else None
-    return row
+        sigmas[name] = float(np.sqrt(np.mean(middle.var(axis=0, ddof=1)))) if seen else None
+    return NoiseLaws(
+        distance=distance,
+        khoshelham_step=2.85e-3 * distance**2,
+        khoshelham_sigma=1.425e-3 * distance**2,
+        nguyen_sigma=0.0012 + 0.0019 * (distance - 0.4) ** 2,
+        smisek_step=(2.73 * distance**2 + 0.74 * distance - 0.58) * 1e-3,
+        xtion_sigma=sigmas["xtion"],
+        tof_sigma=sigmas["tof"],
+    )

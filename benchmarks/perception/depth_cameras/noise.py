@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.harness.data import data_folder
+from benchmarks.perception.depth_cameras.results import NoiseFigures
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.perception.depth.range_mapping import load_capture, segment_capture
@@ -66,20 +67,13 @@ def step_of(levels: NDArray[np.float64], start: float) -> tuple[float, float]:
     return step, float(np.sqrt(np.mean(rest**2)))
 
 
-def noise_figures(capture: Capture, step: float, seed: int = 0) -> dict[str, Any]:
+def noise_figures(capture: Capture, step: float, seed: int = 0) -> NoiseFigures:
     """Measure the table's readings in a capture.
 
     Args:
         capture: of a garment on its table.
         step: of inverse depth, 1/m.
         seed: of the table's consensus.
-
-    Returns:
-        distance (m), table_rms (m, as perception measures it, slow bias and bands taken out), and
-        in steps: plane_rms, bow (of u^2, u v, v^2), column_rms (of the columns' means, bow taken
-        out), rest_rms (bow and columns taken out); along_rows, along_columns: correlation of the
-        rest at LAGS; holes, garment_holes (shares without a reading); columns: (w,) means, NaN-free
-        list with None where too little table is seen.
     """
     profile = noise_profile(capture.camera.sensor)
     table, parts = segment_capture(capture, profile, seed=seed)
@@ -96,22 +90,24 @@ def noise_figures(capture: Capture, step: float, seed: int = 0) -> dict[str, Any
     enough = count >= _PER_COLUMN
     means = np.where(on, rest, 0.0).sum(axis=0) / np.maximum(count, 1) * enough
     rest = np.where(on, rest - means, 0.0)
-    return {
-        "distance": table.distance,
-        "table_rms": table.rms,
-        "plane_rms": plane_rms,
-        "bow": [float(weight) for weight in weights[3:]],
-        "column_rms": float(np.sqrt(np.mean(means[enough] ** 2))),
-        "rest_rms": _rms(rest, on),
-        "along_rows": [_alike(rest, on, lag, 1) for lag in LAGS],
-        "along_columns": [_alike(rest, on, lag, 0) for lag in LAGS],
-        "holes": float(np.mean(capture.depth == 0.0)),
-        "garment_holes": float(np.mean(capture.depth[parts.garment] == 0.0)),
-        "columns": [
-            round(float(mean), 3) if good else None
-            for mean, good in zip(means, enough, strict=True)
-        ],
-    }
+    return NoiseFigures(
+        distance=table.distance,
+        table_rms=table.rms,
+        plane_rms=plane_rms,
+        bow=tuple(float(weight) for weight in weights[3:]),
+        column_rms=float(np.sqrt(np.mean(means[enough] ** 2))),
+        rest_rms=_rms(rest, on),
+        along_rows=tuple(_alike(rest, on, lag, 1) for lag in LAGS),
+        along_columns=tuple(_alike(rest, on, lag, 0) for lag in LAGS),
+        holes=float(np.mean(capture.depth == 0.0)),
+        garment_holes=float(np.mean(capture.depth[parts.garment] == 0.0)),
+        columns=tuple(
+            [
+                round(float(mean), 3) if good else None
+                for mean, good in zip(means, enough, strict=True)
+            ]
+        ),
+    )
 
 
 def _without(

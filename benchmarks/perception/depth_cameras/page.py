@@ -8,35 +8,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.perception.depth_cameras.noise import LAGS
+from benchmarks.perception.depth_cameras.results import (
+    DepthCamerasResult,
+    MapFigures,
+    MedianNoise,
+    NoiseLaws,
+    View,
+)
 from benchmarks.perception.depth_cameras.scenes import restored
 
 _TITLES = {"xtion": "structured light (Xtion)", "tof": "time of flight"}
 _COLOURS = {"xtion": "tab:blue", "tof": "tab:orange"}
 
 
-def page(results: dict[str, Any]) -> str:
+def page(results: DepthCamerasResult) -> str:
     """Return the results as Markdown."""
     return "\n\n".join(
         [
             "![Both cameras](depth_cameras.png)",
             _noise(results),
-            _laws(results["laws"]),
+            _laws(results.laws),
             _edges(results),
             _wrinkles(results),
         ]
     )
 
 
-def _noise(results: dict[str, Any]) -> str:
-    real, simulated = results["real"], results["simulated"]
+def _noise(results: DepthCamerasResult) -> str:
+    real, simulated = results.real, results.simulated
     lines = ["## The simulated Xtion against real ones", ""]
-    if real["maps"]:
+    if real.step is not None and real.step_rest is not None:
         lines += [
             (
-                f"Step of inverse depth: real maps {1e3 * real['step']:.3f} mm at 1 m "
-                f"({real['levels']} levels between 0.9 and 1.2 m explained within "
-                f"{1e3 * real['step_rest']:.2f} mm, the driver's rounding), simulated "
-                f"{1e3 * results['simulated_step']:.3f} mm."
+                f"Step of inverse depth: real maps {1e3 * real.step:.3f} mm at 1 m "
+                f"({real.levels} levels between 0.9 and 1.2 m explained within "
+                f"{1e3 * real.step_rest:.2f} mm, the driver's rounding), simulated "
+                f"{1e3 * results.simulated_step:.3f} mm."
             ),
             "",
         ]
@@ -57,29 +64,36 @@ def _noise(results: dict[str, Any]) -> str:
         ),
         "|---|---|---|---|---|---|---|---|---|",
     ]
-    rows = [(row["name"], row) for row in [*real["maps"], *simulated]]
-    groups = (("median of the real maps", real["maps"]), ("median of the simulated", simulated))
+    rows: list[tuple[str, MedianNoise]] = [(row.name, row) for row in [*real.maps, *simulated]]
+    groups = (("median of the real maps", real.maps), ("median of the simulated", simulated))
     rows += [(f"**{name}**", _median(group)) for name, group in groups if group]
     for name, row in rows:
-        alike = ", ".join(f"{row['along_rows'][LAGS.index(lag)]:.2f}" for lag in (1, 4, 8, 16, 32))
+        alike = ", ".join(f"{row.along_rows[LAGS.index(lag)]:.2f}" for lag in (1, 4, 8, 16, 32))
         lines.append(
-            f"| {name} | {row['distance']:.3f} | {1e3 * row['table_rms']:.2f} "
-            f"| {row['plane_rms']:.2f} | {row['column_rms']:.2f} | {row['rest_rms']:.2f} "
-            f"| {alike} | {100 * row['holes']:.1f} | {100 * row['garment_holes']:.2f} |"
+            f"| {name} | {row.distance:.3f} | {1e3 * row.table_rms:.2f} "
+            f"| {row.plane_rms:.2f} | {row.column_rms:.2f} | {row.rest_rms:.2f} "
+            f"| {alike} | {100 * row.holes:.1f} | {100 * row.garment_holes:.2f} |"
         )
     return "\n".join(lines)
 
 
-def _median(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    keys = ("distance", "table_rms", "plane_rms", "column_rms", "rest_rms", "holes")
-    middle: dict[str, Any] = {
-        key: float(np.median([row[key] for row in rows])) for key in (*keys, "garment_holes")
-    }
-    middle["along_rows"] = np.median([row["along_rows"] for row in rows], axis=0).tolist()
-    return middle
+def _median(rows: Sequence[MapFigures]) -> MedianNoise:
+    def middle(values: Sequence[float]) -> float:
+        return float(np.median(values))
+
+    return MedianNoise(
+        distance=middle([row.distance for row in rows]),
+        table_rms=middle([row.table_rms for row in rows]),
+        plane_rms=middle([row.plane_rms for row in rows]),
+        column_rms=middle([row.column_rms for row in rows]),
+        rest_rms=middle([row.rest_rms for row in rows]),
+        along_rows=tuple(np.median([row.along_rows for row in rows], axis=0).tolist()),
+        holes=middle([row.holes for row in rows]),
+        garment_holes=middle([row.garment_holes for row in rows]),
+    )
 
 
-def _laws(rows: Sequence[dict[str, Any]]) -> str:
+def _laws(rows: Sequence[NoiseLaws]) -> str:
     lines = [
         "## Noise over distance",
         "",
@@ -94,14 +108,17 @@ def _laws(rows: Sequence[dict[str, Any]]) -> str:
     ]
     for row in rows:
         values = [
-            row[key] for key in ("xtion_sigma", "khoshelham_sigma", "nguyen_sigma", "tof_sigma")
+            row.xtion_sigma,
+            row.khoshelham_sigma,
+            row.nguyen_sigma,
+            row.tof_sigma,
         ]
         cells = " | ".join("-" if value is None else f"{1e3 * value:.2f}" for value in values)
-        lines.append(f"| {row['distance']:.1f} | {cells} |")
+        lines.append(f"| {row.distance:.1f} | {cells} |")
     return "\n".join(lines)
 
 
-def _edges(results: dict[str, Any]) -> str:
+def _edges(results: DepthCamerasResult) -> str:
     lines = [
         "## Edges, shadows and steep faces",
         "",
@@ -115,24 +132,23 @@ def _edges(results: dict[str, Any]) -> str:
         "| camera | over the table, m | readings, % | flying, % | shadow left, right, px | law, px |",
         "|---|---|---|---|---|---|",
     ]
-    for key, view in results["leaf"].items():
-        edge = view["edge"]
-        left, right = edge["shadow"]
-        shadow = f"{left}, {right}" if view["holes"] < 1.0 else "-"
+    for key, view in results.leaf.items():
+        edge = view.edge
+        left, right = edge.shadow
+        shadow = f"{left}, {right}" if view.holes < 1.0 else "-"
         lines.append(
-            f"| {_TITLES[key.removesuffix('_close')]} | {view['height']:.2f} "
-            f"| {100 * (1.0 - view['holes']):.1f} | {100 * edge['flying']:.1f} | {shadow} "
-            f"| {edge['shadow_law']:.1f} |"
+            f"| {_TITLES[key.removesuffix('_close')]} | {view.height:.2f} "
+            f"| {100 * (1.0 - view.holes):.1f} | {100 * edge.flying:.1f} | {shadow} "
+            f"| {edge.shadow_law:.1f} |"
         )
     holes = "; ".join(
-        f"{_TITLES[key]} {100 * view['garment_holes']:.1f} %"
-        for key, view in results["garment"].items()
+        f"{_TITLES[key]} {100 * view.garment_holes:.1f} %" for key, view in results.garment.items()
     )
     lines += ["", f"Without a reading on the folded towel: {holes}."]
     return "\n".join(lines)
 
 
-def _wrinkles(results: dict[str, Any]) -> str:
+def _wrinkles(results: DepthCamerasResult) -> str:
     lines = [
         "## The largest wrinkle from the camera's place in the cell",
         "",
@@ -147,27 +163,27 @@ def _wrinkles(results: dict[str, Any]) -> str:
         ),
         "|---|---|---|---|---|---|---|---|---|",
     ]
-    for row in results["wrinkles"]:
-        if "length" in row:
-            truth = row["truth"]
+    for row in results.wrinkles:
+        if row.length is not None:
+            truth = row.truth
             figures = (
-                f"{1e3 * row['beside']:.1f} | {row['turn']:.1f} "
-                f"| {1e3 * row['length']:.0f} ({1e3 * truth['length']:.0f}) "
-                f"| {1e3 * row['width']:.1f} ({1e3 * truth['width']:.1f}) "
-                f"| {1e3 * row['chord_height']:.1f} ({1e3 * truth['chord_height']:.1f})"
+                f"{1e3 * (row.beside or 0.0):.1f} | {row.turn or 0.0:.1f} "
+                f"| {1e3 * row.length:.0f} ({1e3 * truth.length:.0f}) "
+                f"| {1e3 * (row.width or 0.0):.1f} ({1e3 * truth.width:.1f}) "
+                f"| {1e3 * (row.chord_height or 0.0):.1f} ({1e3 * truth.chord_height:.1f})"
             )
         else:
             figures = " | ".join("-" * 5)
         lines.append(
-            f"| {_TITLES[row['camera']]} | {row['seed']} | {'yes' if row['found'] else 'no'} "
-            f"| {figures} | {row['time']:.2f} |"
+            f"| {_TITLES[row.camera]} | {row.seed} | {'yes' if row.found else 'no'} "
+            f"| {figures} | {row.time:.2f} |"
         )
-    shares = "; ".join(f"{_TITLES[k]} {100 * v:.0f} %" for k, v in results["largest_found"].items())
+    shares = "; ".join(f"{_TITLES[k]} {100 * v:.0f} %" for k, v in results.largest_found.items())
     lines += ["", f"Truth in brackets. Found: {shares}."]
     return "\n".join(lines)
 
 
-def plotted(results: dict[str, Any], path: Path) -> None:
+def plotted(results: DepthCamerasResult, path: Path) -> None:
     """Draw both scenes as both cameras see them, sections through them, and the noise."""
     import matplotlib
 
@@ -176,17 +192,17 @@ def plotted(results: dict[str, Any], path: Path) -> None:
 
     figure, axes = pyplot.subplots(3, 4, figsize=(15.0, 11.0), layout="constrained")
     for row, (name, top) in enumerate((("leaf", 0.28), ("garment", 0.07))):
-        views = results[name]
-        _image(figure, axes[row, 0], views["xtion"]["truth"], top, f"{name}: truth")
+        views: dict[str, View] = {**getattr(results, name)}
+        _image(figure, axes[row, 0], views["xtion"].truth, top, f"{name}: truth")
         for column, key in enumerate(("xtion", "tof"), start=1):
             view = views[key]
-            title = f"{_TITLES[key]}, from {view['height']:.2f} m"
-            _image(figure, axes[row, column], view["reading"], top, title)
+            title = f"{_TITLES[key]}, from {view.height:.2f} m"
+            _image(figure, axes[row, column], view.reading, top, title)
         _section(axes[row, 3], views, f"{name}: middle row (bars: no reading)")
-    close = results["leaf"]["tof_close"]
-    title = f"ToF, from {close['height']:.2f} m (Xtion: none)"
-    _image(figure, axes[2, 0], close["reading"], 0.28, title)
-    _sigmas(axes[2, 1], results["laws"])
+    close = results.leaf["tof_close"]
+    title = f"ToF, from {close.height:.2f} m (Xtion: none)"
+    _image(figure, axes[2, 0], close.reading, 0.28, title)
+    _sigmas(axes[2, 1], results.laws)
     _correlation(axes[2, 2], results)
     _columns(axes[2, 3], results)
     figure.savefig(path, dpi=90)
@@ -205,12 +221,14 @@ def _image(figure: Any, axis: Any, picture: str, top: float, title: str) -> None
     figure.colorbar(drawn, ax=axis, shrink=0.8, label="over the table, mm; red: no reading")
 
 
-def _section(axis: Any, views: dict[str, Any], title: str) -> None:
+def _section(axis: Any, views: dict[str, View], title: str) -> None:
     for key in ("xtion", "tof"):
-        section = views[key]["section"]
-        ray, truth, reading = (_floats(section[k]) for k in ("ray", "truth", "reading"))
-        x = 1e3 * ray * (views[key]["height"] - truth)
-        seen = 1e3 * ray * (views[key]["height"] - reading)
+        section = views[key].section
+        ray, truth, reading = (
+            _floats(values) for values in (section.ray, section.truth, section.reading)
+        )
+        x = 1e3 * ray * (views[key].height - truth)
+        seen = 1e3 * ray * (views[key].height - reading)
         truth, reading = 1e3 * truth, 1e3 * reading
         if key == "xtion":
             axis.plot(x, truth, color="black", linewidth=0.8, label="truth")
@@ -226,13 +244,13 @@ def _section(axis: Any, views: dict[str, Any], title: str) -> None:
     axis.legend(fontsize=7, loc="upper left")
 
 
-def _sigmas(axis: Any, laws: Sequence[dict[str, Any]]) -> None:
-    distance = [row["distance"] for row in laws]
+def _sigmas(axis: Any, laws: Sequence[NoiseLaws]) -> None:
+    distance = [row.distance for row in laws]
     for key in ("xtion", "tof"):
-        values = 1e3 * _floats([row[f"{key}_sigma"] for row in laws])
+        values = 1e3 * _floats([getattr(row, f"{key}_sigma") for row in laws])
         axis.loglog(distance, values, "o-", color=_COLOURS[key], label=_TITLES[key])
     for key, style in (("khoshelham", "--"), ("nguyen", ":")):
-        values = 1e3 * _floats([row[f"{key}_sigma"] for row in laws])
+        values = 1e3 * _floats([getattr(row, f"{key}_sigma") for row in laws])
         axis.loglog(distance, values, style, color="grey", label=f"{key.title()} 2012")
     axis.set_xticks(distance, [f"{value:g}" for value in distance], minor=False)
     axis.set_xticks([], minor=True)
@@ -242,12 +260,12 @@ def _sigmas(axis: Any, laws: Sequence[dict[str, Any]]) -> None:
     axis.legend(fontsize=8)
 
 
-def _correlation(axis: Any, results: dict[str, Any]) -> None:
-    for row in results["real"]["maps"]:
-        axis.plot(LAGS, row["along_rows"], color="grey", linewidth=0.6)
+def _correlation(axis: Any, results: DepthCamerasResult) -> None:
+    for row in results.real.maps:
+        axis.plot(LAGS, row.along_rows, color="grey", linewidth=0.6)
     axis.plot([], [], color="grey", label="real maps")
-    for row in results["simulated"]:
-        axis.plot(LAGS, row["along_rows"], "o-", color=_COLOURS["xtion"], markersize=3.0)
+    for row in results.simulated:
+        axis.plot(LAGS, row.along_rows, "o-", color=_COLOURS["xtion"], markersize=3.0)
     axis.plot([], [], "o-", color=_COLOURS["xtion"], label="simulated Xtion")
     axis.set_xscale("log", base=2)
     axis.set_title("correlation of the noise along rows", fontsize=10)
@@ -255,12 +273,12 @@ def _correlation(axis: Any, results: dict[str, Any]) -> None:
     axis.legend(fontsize=8)
 
 
-def _columns(axis: Any, results: dict[str, Any]) -> None:
-    chosen = results["real"]["maps"][:3] + results["simulated"][:1]
+def _columns(axis: Any, results: DepthCamerasResult) -> None:
+    chosen = (*results.real.maps[:3], *results.simulated[:1])
     for level, row in enumerate(chosen):
-        real = row in results["real"]["maps"]
+        real = row in results.real.maps
         colour = "grey" if real else _COLOURS["xtion"]
-        columns = _floats(row["columns"]) - 3.0 * level
+        columns = _floats(row.columns) - 3.0 * level
         axis.plot(columns, color=colour, linewidth=0.8, label=None if real else "simulated Xtion")
     axis.plot([], [], color="grey", label="real maps")
     axis.set_title("vertical bands: means of columns", fontsize=10)

@@ -4,12 +4,12 @@ A leaf over the table, and a garment with steep folds.
 """
 
 import base64
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.perception.depth_cameras.results import EdgeFigures
 from unwrinkle.models.robot import Cell
 from unwrinkle.simulation.depth_cameras.cameras import DepthCameraModel, depth_reading
 from unwrinkle.simulation.rendering.meshes import height_field_mesh, towel_mesh
@@ -84,15 +84,8 @@ def _over(depth: NDArray[np.float32], height: float) -> NDArray[np.float64]:
 
 def edge_figures(
     truth: NDArray[np.float64], reading: NDArray[np.float64], model: DepthCameraModel, height: float
-) -> dict[str, Any]:
-    """What happens around the leaf's edge.
-
-    Returns:
-        flying: share of the readings within 4 pixels of the edge that lie over 20 mm from both
-        leaf and table, flying_count: their number; shadow: pixels without a reading to the left
-        and to the right of the leaf, in the image's row through its middle; shadow_law: width of
-        the shadow by the disparities of leaf and table there, pixels, 0 for one without projector.
-    """
+) -> EdgeFigures:
+    """Measure what happens around the leaf's edge."""
     leaf = np.nan_to_num(truth, nan=-1.0) > 0.5 * LEAF_HEIGHT
     ring = np.ones((2 * _RING + 1,) * 2, np.uint8)
     mask = leaf.astype(np.uint8)
@@ -107,12 +100,12 @@ def edge_figures(
     near = float(height - truth[row, left])
     baseline = float(getattr(model, "baseline", 0.0))
     flying, read = int(np.count_nonzero(air & edge & has)), int(np.count_nonzero(edge & has))
-    return {
-        "flying": flying / max(read, 1),
-        "flying_count": flying,
-        "shadow": [_run(~has[row], left, -1), _run(~has[row], right, 1)],
-        "shadow_law": model.camera.fx * baseline * (1.0 / near - 1.0 / height),
-    }
+    return EdgeFigures(
+        flying=flying / max(read, 1),
+        flying_count=flying,
+        shadow=(_run(~has[row], left, -1), _run(~has[row], right, 1)),
+        shadow_law=model.camera.fx * baseline * (1.0 / near - 1.0 / height),
+    )
 
 
 def _run(hole: NDArray[np.bool_], start: int, way: int) -> int:
