@@ -7,13 +7,14 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 BENCHMARKS := $(shell sed -n 's/^    "\([a-z0-9_]*\)": .*/\1/p' benchmarks/harness/registry.py)
 
-.PHONY: help flatten test lint type bench format clean
+.PHONY: help flatten test lint type bench bench-check format clean
 
 help:
 	@echo "make flatten   flatten a crumpled towel in the simulated cell, live in the browser, and name the report"
 	@echo "make test      lint, import contracts, type check, and all tests"
 	@echo "make format    format and mend what ruff can"
 	@echo "make bench     run every benchmark and write docs/results (long; QUICK=1 for a smaller sample)"
+	@echo "make bench-check   check that every page in docs/results is that of its report"
 	@echo "make clean     remove what was built (and .venv)"
 
 flatten: $(VENV)/ready
@@ -36,8 +37,11 @@ type: $(VENV)/ready
 bench: $(VENV)/ready
 	$(PIP) install --quiet --constraint constraints.txt --no-build-isolation --editable '.[bench]'
 	set -e; for name in $(BENCHMARKS); do \
-		$(BIN)/unwrinkle bench $$name $(if $(QUICK),--quick --json out/$$name.json, \
+		$(BIN)/python -m benchmarks $$name $(if $(QUICK),--quick --json out/$$name.json, \
 			--json docs/results/$$name.json --markdown docs/results/$$name.md); done
+
+bench-check: $(VENV)/ready
+	$(BIN)/python -m benchmarks.harness.check docs/results
 
 format: $(VENV)/ready
 	$(BIN)/ruff check --fix .

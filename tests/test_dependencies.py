@@ -39,6 +39,20 @@ def test_every_third_party_import_is_a_declared_dependency(
     assert used - set(sys.stdlib_module_names) <= declared
 
 
+#: Test folders that may import the benchmarks: their own tests, and the page of the faults.
+BENCHMARK_TESTS = {"benchmarks", "robustness"}
+
+
+def test_no_other_test_imports_the_benchmarks(repository: Path) -> None:
+    tests = repository / "tests"
+    importing = {
+        path.relative_to(tests).parts[0]
+        for path in tests.rglob("*.py")
+        if re.search(r"^\s*(from|import) benchmarks\b", path.read_text("utf-8"), re.MULTILINE)
+    }
+    assert importing <= BENCHMARK_TESTS
+
+
 #: Folders of the package; each folder in them is a room.
 FOLDERS = (
     "benchmarks",

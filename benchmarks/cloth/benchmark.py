@@ -11,6 +11,7 @@ from benchmarks.cloth import closed_forms
 from benchmarks.cloth import rest as resting
 from benchmarks.cloth.results import ClothResult, Compared, StartFigures
 from benchmarks.harness.report import Progress
+from benchmarks.harness.tables import line, rule
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.io.files import atomic_path
 from unwrinkle.simulation.cloth.cloth import Cloth
@@ -98,15 +99,19 @@ def table(results: ClothResult) -> str:
         "",
         "## Against closed forms",
         "",
-        "| check | stated | simulated | closed form | off (%) |",
-        "|---|---|---|---|---|",
+        line("check", "stated", "simulated", "closed form", "off (%)"),
+        rule(5),
     ]
     for row in checks.cantilever:
         kind = "elastic" if not row.plastic else "as shipped, slips"
         lines.append(
-            f"| cantilever, bending length (mm), overhang {1e3 * row.overhang:.0f} mm | "
-            f"B = {row.bending:.0e} N m, {kind} | {1e3 * row.bending_length:.2f} | "
-            f"{1e3 * row.bending_length_exact:.2f} | {100 * row.error:+.1f} |"
+            line(
+                f"cantilever, bending length (mm), overhang {1000.0 * row.overhang:.0f} mm",
+                f"B = {row.bending:.0e} N m, {kind}",
+                f"{1000.0 * row.bending_length:.2f}",
+                f"{1000.0 * row.bending_length_exact:.2f}",
+                f"{100 * row.error:+.1f}",
+            )
         )
     strips: list[tuple[str, str, float, Compared]] = [
         *(("stretch", "Y", row.stretch, row) for row in checks.stretch),
@@ -114,19 +119,33 @@ def table(results: ClothResult) -> str:
     ]
     for name, symbol, stated, strip in strips:
         lines.append(
-            f"| {name} of a strip under its weight (mm) | {symbol} = {stated:g} N/m | "
-            f"{1e3 * strip.found:.3f} | {1e3 * strip.exact:.3f} | {100 * strip.error:+.1f} |"
+            line(
+                f"{name} of a strip under its weight (mm)",
+                f"{symbol} = {stated:g} N/m",
+                f"{1000.0 * strip.found:.3f}",
+                f"{1000.0 * strip.exact:.3f}",
+                f"{100 * strip.error:+.1f}",
+            )
         )
     for sag in checks.sag:
         lines.append(
-            f"| sag between two edges (mm) | {sag.length:.3f} m over {sag.span:.3f} m | "
-            f"{1e3 * sag.found:.1f} | {1e3 * sag.exact:.1f} | {100 * sag.error:+.1f} |"
+            line(
+                "sag between two edges (mm)",
+                f"{sag.length:.3f} m over {sag.span:.3f} m",
+                f"{1000.0 * sag.found:.1f}",
+                f"{1000.0 * sag.exact:.1f}",
+                f"{100 * sag.error:+.1f}",
+            )
         )
     for incline in checks.incline:
         lines.append(
-            f"| incline where it slides (deg) | friction {incline.friction:g} | "
-            f"{np.degrees(incline.found):.2f} | {np.degrees(incline.exact):.2f} | "
-            f"{100 * incline.error:+.1f} |"
+            line(
+                "incline where it slides (deg)",
+                f"friction {incline.friction:g}",
+                f"{np.degrees(incline.found):.2f}",
+                f"{np.degrees(incline.exact):.2f}",
+                f"{100 * incline.error:+.1f}",
+            )
         )
     lines += [
         "",
@@ -147,12 +166,20 @@ def table(results: ClothResult) -> str:
         "",
         "| start | area off (%) | yarns off, at most (%) | moved in 2 s awake (mm) | kinetic energy (J) then | "
         + "kicked | 20 ms later | largest from then on | after 1 s |",
-        "|---|---|---|---|---|---|---|---|---|",
+        rule(9),
     ]
     lines += [
-        f"| {r.state} | {100 * r.area_error:+.2f} | {100 * r.yarn_error:.2f} | "
-        f"{1e3 * r.moved_in_2s:.3f} | {r.kinetic_after_2s:.1e} | {r.kick:.1e} | "
-        f"{r.kick_after_20ms:.1e} | {r.kick_largest_later:.1e} | {r.kick_after_1s:.1e} |"
+        line(
+            f"{r.state}",
+            f"{100 * r.area_error:+.2f}",
+            f"{100 * r.yarn_error:.2f}",
+            f"{1000.0 * r.moved_in_2s:.3f}",
+            f"{r.kinetic_after_2s:.1e}",
+            f"{r.kick:.1e}",
+            f"{r.kick_after_20ms:.1e}",
+            f"{r.kick_largest_later:.1e}",
+            f"{r.kick_after_1s:.1e}",
+        )
         for r in results.rest
     ]
     lines += ["", *_pull_lines(results), "", *_cost_lines(results), "", *_start_lines(results)]
@@ -170,15 +197,27 @@ def _pull_lines(results: ClothResult) -> list[str]:
         "the towel is stretched, and springs back when let go. 0.55 x slack each just takes up the slack along the",
         "pull; so soft in shear (10 N/m), the towel's far parts lag behind, and the ridge stays there.",
         "",
-        f"| direction (deg) | slack (mm) | height (mm) | creep in 1 s (mm) | {names} | stretched (%) |",
+        line(
+            "direction (deg)",
+            "slack (mm)",
+            "height (mm)",
+            "creep in 1 s (mm)",
+            f"{names}",
+            "stretched (%)",
+        ),
         "|---|---|---|---|" + "---|" * (len(shares) + 1),
     ]
     for row in results.pulls:
         left = " | ".join(f"{1e3 * row.after[share].height:.1f}" for share in shares)
         lines.append(
-            f"| {np.degrees(row.direction):+.0f} | {1e3 * row.slack:.0f} | "
-            f"{1e3 * row.height:.1f} | {1e3 * row.creep:.3f} | {left} | "
-            f"{100 * row.after[shares[-1]].stretch_in_pull:.1f} |"
+            line(
+                f"{np.degrees(row.direction):+.0f}",
+                f"{1000.0 * row.slack:.0f}",
+                f"{1000.0 * row.height:.1f}",
+                f"{1000.0 * row.creep:.3f}",
+                f"{left}",
+                f"{100 * row.after[shares[-1]].stretch_in_pull:.1f}",
+            )
         )
     flat = results.pulls_flat
     lines += ["", f"Below 1.5 mm after 1.1 x slack each: {flat} of {len(results.pulls)}."]
@@ -202,11 +241,13 @@ def _cost_lines(results: ClothResult) -> list[str]:
         "CPU seconds of the one thread per simulated second, medians; all sizes in turn in one run. A ridge lying",
         "on the table and kept awake; two hands pulling; a dropped towel in folds, kept awake; asleep.",
         "",
-        "| nodes a side | lying | pulled | in folds | asleep |",
-        "|---|---|---|---|---|",
+        line("nodes a side", "lying", "pulled", "in folds", "asleep"),
+        rule(5),
     ]
     lines += [
-        f"| {r.nodes} | {r.lying:.2f} | {r.pulled:.2f} | {r.folded:.2f} | {r.asleep:.4f} |"
+        line(
+            f"{r.nodes}", f"{r.lying:.2f}", f"{r.pulled:.2f}", f"{r.folded:.2f}", f"{r.asleep:.4f}"
+        )
         for r in cost.sizes
     ]
     power = cost.exponent_of_side
@@ -218,13 +259,27 @@ def _start_lines(results: ClothResult) -> list[str]:
     lines = [
         "## Starting states",
         "",
-        "| garment | start | covers (% of flat) | highest (mm) | above 5 mm (% of area) | overstretch (%) | asleep |",
-        "|---|---|---|---|---|---|---|",
+        line(
+            "garment",
+            "start",
+            "covers (% of flat)",
+            "highest (mm)",
+            "above 5 mm (% of area)",
+            "overstretch (%)",
+            "asleep",
+        ),
+        rule(7),
     ]
     lines += [
-        f"| {s.garment} ({s.material}) | {s.start} | {100 * s.coverage:.1f} | "
-        f"{1e3 * s.height:.1f} | {100 * s.above_5mm:.1f} | {100 * s.overstretch:.1f} | "
-        f"{'yes' if s.asleep else 'no'} |"
+        line(
+            f"{s.garment} ({s.material})",
+            f"{s.start}",
+            f"{100 * s.coverage:.1f}",
+            f"{1000.0 * s.height:.1f}",
+            f"{100 * s.above_5mm:.1f}",
+            f"{100 * s.overstretch:.1f}",
+            f"{('yes' if s.asleep else 'no')}",
+        )
         for s in results.starts
     ]
     return [*lines, "", "![The starting states, shaded from the upper left](cloth.png)"]

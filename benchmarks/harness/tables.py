@@ -13,11 +13,11 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     Raises:
         ValueError: a row has another number of cells than the header.
     """
-    lines = [_line(columns), "|" + "---|" * len(columns)]
+    lines = [line(*columns), rule(len(columns))]
     for row in rows:
         if len(row) != len(columns):
             raise ValueError(f"{row}: has {len(row)} cells, the table has {len(columns)} columns")
-        lines.append(_line(row))
+        lines.append(line(*row))
     return "\n".join(lines)
 
 
@@ -26,5 +26,11 @@ def cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
 
-def _line(cells: Iterable[str]) -> str:
+def line(*cells: str) -> str:
+    """Return a line of a table."""
     return "|" + "".join(f" {text} |" if text else " |" for text in cells)
+
+
+def rule(columns: int) -> str:
+    """Return the line below the header of a table with so many columns."""
+    return "|" + "---|" * columns

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from benchmarks.harness.report import Progress
 from benchmarks.harness.statistics import MedianWorst
+from benchmarks.harness.tables import line, rule
 from benchmarks.loop.runs import Run, flatten
 from unwrinkle.perception.range_map import RangeMap
 
@@ -221,55 +222,83 @@ def table(results: LoopResult) -> str:
     lines = [
         "Cloth and robot are simulated; every run is a process of its own, from start to its written report.",
         "",
-        "| what | target | measured |",
-        "|---|---|---|",
-        f"| default run: status, actions | flat, at most 5 | {first.status}, {first.actions} |",
-        f"| its largest true height | 5 mm | {1e3 * first.height:.1f} mm |",
-        f"| its wall clock, installed | 240 s | {first.wall:.0f} s |",
+        line("what", "target", "measured"),
+        rule(3),
+        line("default run: status, actions", "flat, at most 5", f"{first.status}, {first.actions}"),
+        line("its largest true height", "5 mm", f"{1000.0 * first.height:.1f} mm"),
+        line("its wall clock, installed", "240 s", f"{first.wall:.0f} s"),
         (
-            f"| bunched towels flat by truth | {count} of {count}, or a reason | "
-            f"{results.flat_by_truth} of {count} |"
+            line(
+                "bunched towels flat by truth",
+                f"{count} of {count}, or a reason",
+                f"{results.flat_by_truth} of {count}",
+            )
         ),
-        f"| least coverage | 98 % | {100 * results.coverage_least:.1f} % |",
-        f"| motions without a verdict | 0 | {results.unverified_motions} |",
-        f"| limits and clearances broken by measured motions | 0 | {results.violations} |",
+        line("least coverage", "98 %", f"{100 * results.coverage_least:.1f} %"),
+        line("motions without a verdict", "0", f"{results.unverified_motions}"),
+        line("limits and clearances broken by measured motions", "0", f"{results.violations}"),
         (
-            "| overstretch of the cloth after an action, worst | 10 % | "
-            f"{100 * results.overstretch_worst:.1f} % |"
-        ),
-        (
-            f"| actions per towel, mean (std) | | {results.actions_mean:.1f} "
-            f"({results.actions_std:.2f}) |"
-        ),
-        f"| dual-arm share of actions | | {100 * results.dual_share:.1f} % |",
-        f"| perception + planning + verification, worst | 5 s | {stages['computing'].worst:.1f} s |",
-        (
-            f"| one action, median (worst) | 25 s | {stages['total'].median:.1f} s "
-            f"({stages['total'].worst:.1f} s) |"
+            line(
+                "overstretch of the cloth after an action, worst",
+                "10 %",
+                f"{100 * results.overstretch_worst:.1f} %",
+            )
         ),
         (
-            f"| following error after lag, worst | 1 mrad | "
-            f"{1e3 * results.following_error_worst:.2f} mrad |"
+            line(
+                "actions per towel, mean (std)",
+                "",
+                f"{results.actions_mean:.1f} ({results.actions_std:.2f})",
+            )
+        ),
+        line("dual-arm share of actions", "", f"{100 * results.dual_share:.1f} %"),
+        line(
+            "perception + planning + verification, worst",
+            "5 s",
+            f"{stages['computing'].worst:.1f} s",
         ),
         (
-            f"| gripper distance against plan, worst | 3 mm | "
-            f"{1e3 * results.grip_distance_error_worst:.2f} mm |"
+            line(
+                "one action, median (worst)",
+                "25 s",
+                f"{stages['total'].median:.1f} s ({stages['total'].worst:.1f} s)",
+            )
         ),
         (
-            f"| clearance below the verdict's, worst | within the padding | "
-            f"{1e3 * results.clearance_short_worst:.2f} mm |"
+            line(
+                "following error after lag, worst",
+                "1 mrad",
+                f"{1000.0 * results.following_error_worst:.2f} mrad",
+            )
         ),
         (
-            f"| two runs of one seed: plans and last state | same bits | "
-            f"{'same bits' if results.repeated.same_bits else 'DIFFERENT'} |"
+            line(
+                "gripper distance against plan, worst",
+                "3 mm",
+                f"{1000.0 * results.grip_distance_error_worst:.2f} mm",
+            )
+        ),
+        (
+            line(
+                "clearance below the verdict's, worst",
+                "within the padding",
+                f"{1000.0 * results.clearance_short_worst:.2f} mm",
+            )
+        ),
+        (
+            line(
+                "two runs of one seed: plans and last state",
+                "same bits",
+                f"{('same bits' if results.repeated.same_bits else 'DIFFERENT')}",
+            )
         ),
         "",
         "Seconds of an action, by stage (a noisy machine: compare medians):",
         "",
-        "| stage | median | worst |",
-        "|---|---|---|",
+        line("stage", "median", "worst"),
+        rule(3),
         *(
-            f"| {name} | {values.median:.2f} | {values.worst:.2f} |"
+            line(f"{name}", f"{values.median:.2f}", f"{values.worst:.2f}")
             for name, values in stages.items()
         ),
         "",
@@ -298,13 +327,26 @@ def table(results: LoopResult) -> str:
 
 def _rows(rows: Sequence[LoopFigures]) -> list[str]:
     lines = [
-        "| run | ended | actions (dual, missed) | true height, mm | coverage, % | overstretch, % | wall, s |",
-        "|---|---|---|---|---|---|---|",
+        line(
+            "run",
+            "ended",
+            "actions (dual, missed)",
+            "true height, mm",
+            "coverage, %",
+            "overstretch, %",
+            "wall, s",
+        ),
+        rule(7),
         *(
-            f"| {row.name} | {row.status} | {row.actions} ({row.dual}, {row.missed}) "
-            f"| {1e3 * row.height_before:.1f} to {1e3 * row.height:.1f} "
-            f"| {100 * row.coverage_before:.1f} to {100 * row.coverage:.1f} "
-            f"| {100 * row.overstretch:.1f} | {row.wall:.0f} |"
+            line(
+                f"{row.name}",
+                f"{row.status}",
+                f"{row.actions} ({row.dual}, {row.missed})",
+                f"{1000.0 * row.height_before:.1f} to {1000.0 * row.height:.1f}",
+                f"{100 * row.coverage_before:.1f} to {100 * row.coverage:.1f}",
+                f"{100 * row.overstretch:.1f}",
+                f"{row.wall:.0f}",
+            )
             for row in rows
         ),
         "",

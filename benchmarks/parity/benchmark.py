@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
 from benchmarks.harness.report import Progress
+from benchmarks.harness.tables import line, rule
 from benchmarks.parity.results import (
     AgainstPlan,
     BothAgainstPlan,
@@ -110,20 +111,47 @@ def table(results: ParityResult) -> str:
             f"driver wrote down of it, {results.records} sets of feedback and {results.points} points."
         ),
         "",
-        "| what | target | measured |",
-        "|---|---|---|",
-        f"| loopback against sim, any joint, after the lag | 0.5 mrad | {1e3 * worst:.3f} mrad |",
-        f"| log against sim, any joint, after the lag | | {1e3 * logged:.3f} mrad |",
-        f"| grippers' distance against the plan: sim | 3 mm | {1e3 * sim.grip_distance_error:.3f} mm |",
-        f"| grippers' distance against the plan: loopback | 3 mm | {1e3 * loopback.grip_distance_error:.3f} mm |",
-        f"| following error after lag: sim, loopback | | {1e3 * sim.error:.3f}, {1e3 * loopback.error:.3f} mrad |",
-        f"| cloth in the end against sim, worst vertex (RMS): loopback, in phase with the cloth's clock | 2 mm | {_mm(cloth.in_phase)} |",
-        f"| as soon as each step is done | | {_mm(cloth.loopback)} |",
-        f"| for comparison: sim against itself, begun 4 ms later | | {_mm(cloth.sim_later)} |",
-        f"| limits or clearances broken: sim, loopback | 0 | {len(sim.violations)}, {len(loopback.violations)} |",
+        line("what", "target", "measured"),
+        rule(3),
+        line(
+            "loopback against sim, any joint, after the lag",
+            "0.5 mrad",
+            f"{1000.0 * worst:.3f} mrad",
+        ),
+        line("log against sim, any joint, after the lag", "", f"{1000.0 * logged:.3f} mrad"),
+        line(
+            "grippers' distance against the plan: sim",
+            "3 mm",
+            f"{1000.0 * sim.grip_distance_error:.3f} mm",
+        ),
+        line(
+            "grippers' distance against the plan: loopback",
+            "3 mm",
+            f"{1000.0 * loopback.grip_distance_error:.3f} mm",
+        ),
+        line(
+            "following error after lag: sim, loopback",
+            "",
+            f"{1000.0 * sim.error:.3f}, {1000.0 * loopback.error:.3f} mrad",
+        ),
+        line(
+            "cloth in the end against sim, worst vertex (RMS): loopback, in phase with the cloth's clock",
+            "2 mm",
+            f"{_mm(cloth.in_phase)}",
+        ),
+        line("as soon as each step is done", "", f"{_mm(cloth.loopback)}"),
+        line("for comparison: sim against itself, begun 4 ms later", "", f"{_mm(cloth.sim_later)}"),
+        line(
+            "limits or clearances broken: sim, loopback",
+            "0",
+            f"{len(sim.violations)}, {len(loopback.violations)}",
+        ),
         *(
-            f"| braking along the path at {float(rate):.0%} of the planned speed, median (worst of {len(times)}); the lead "
-            f"of {loopback_site().controller.lead:g} s comes before it | | {np.median(times):.2f} s ({max(times):.2f} s) |"
+            line(
+                f"braking along the path at {float(rate):.0%} of the planned speed, median (worst of {len(times)}); the lead of {loopback_site().controller.lead:g} s comes before it",
+                "",
+                f"{np.median(times):.2f} s ({max(times):.2f} s)",
+            )
             for rate, times in results.stops.items()
         ),
         *_stopping_rows(results.stopping),
@@ -134,12 +162,12 @@ def table(results: ParityResult) -> str:
         + ", ".join(f"{name} {lag:.3f} s" for name, lag in results.loopback.lags.items())
         + ".",
         "",
-        "| joint | loopback: max | RMS | log: max | RMS |",
-        "|---|---|---|---|---|",
+        line("joint", "loopback: max", "RMS", "log: max", "RMS"),
+        rule(5),
     ]
     for axis, a, b in zip(results.axes, results.loopback.joints, results.log.joints, strict=True):
         numbers = " | ".join(f"{1e3 * v:.4f} mrad" for v in (a.max, a.rms, b.max, b.rms))
-        lines.append(f"| {axis} | {numbers} |")
+        lines.append(line(f"{axis}", f"{numbers}"))
     return "\n".join(lines)
 
 
@@ -215,9 +243,11 @@ def _stopping_rows(stopping: dict[str, Stopping]) -> list[str]:
         ):
             times, ways = getattr(found, f"{name}_time"), getattr(found, f"{name}_way")
             rows.append(
-                f"| {what}, then {delay:g} s of delay (assumed), at {float(rate):.0%} of the planned speed: from the order to "
-                f"rest, median (worst of {len(times)}); way of the tips meanwhile | | {np.median(times):.2f} s "
-                f"({max(times):.2f} s); {1e3 * np.median(ways):.0f} mm ({1e3 * max(ways):.0f} mm), simulated |"
+                line(
+                    f"{what}, then {delay:g} s of delay (assumed), at {float(rate):.0%} of the planned speed: from the order to rest, median (worst of {len(times)}); way of the tips meanwhile",
+                    "",
+                    f"{np.median(times):.2f} s ({max(times):.2f} s); {1000.0 * np.median(ways):.0f} mm ({1000.0 * max(ways):.0f} mm), simulated",
+                )
             )
     return rows
 
@@ -243,9 +273,17 @@ def _loop_rows(loop: ClosedLoop | None) -> list[str]:
     if loop is None:
         return []
     return [
-        f"| closed loop through the drivers, the default towel: status, actions | flat | {loop.status}, {loop.actions} |",
-        f"| its true height and coverage in the end | 5 mm, 98 % | {1e3 * loop.height:.1f} mm, {loop.coverage:.1%} |",
-        f"| its wall clock | | {loop.seconds:.0f} s |",
+        line(
+            "closed loop through the drivers, the default towel: status, actions",
+            "flat",
+            f"{loop.status}, {loop.actions}",
+        ),
+        line(
+            "its true height and coverage in the end",
+            "5 mm, 98 %",
+            f"{1000.0 * loop.height:.1f} mm, {loop.coverage:.1%}",
+        ),
+        line("its wall clock", "", f"{loop.seconds:.0f} s"),
     ]
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.harness.report import Progress
+from benchmarks.harness.tables import line, rule
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import noise_profile
 from unwrinkle.perception.target import FlatteningTarget
@@ -207,32 +208,43 @@ def _wrinkledness_time(seed: int, runs: int) -> float:
 def table(results: AnalysisResult) -> str:
     """Return the results as Markdown."""
     rows = [
-        "| range map | cells of | median | worst | runs |",
-        "|---|---|---|---|---|",
+        line("range map", "cells of", "median", "worst", "runs"),
+        rule(5),
     ]
     rows += [
-        f"| {t.megapixels} MP | {1e3 * t.resolution:.3f} mm | {1e3 * t.median:.0f} ms "
-        f"| {1e3 * t.max:.0f} ms | {t.runs} |"
+        line(
+            f"{t.megapixels} MP",
+            f"{1000.0 * t.resolution:.3f} mm",
+            f"{1000.0 * t.median:.0f} ms",
+            f"{1000.0 * t.max:.0f} ms",
+            f"{t.runs}",
+        )
         for t in results.times
     ]
-    rows += ["", "| stage, 1 MP | median |", "|---|---|"]
-    rows += [f"| {name} | {1e3 * taken:.1f} ms |" for name, taken in results.stages.items()]
+    rows += ["", line("stage, 1 MP", "median"), rule(2)]
+    rows += [line(f"{name}", f"{1000.0 * taken:.1f} ms") for name, taken in results.stages.items()]
     rows += [
-        f"| wrinkledness, 640 x 480 | {1e3 * results.wrinkledness_time_median:.0f} ms |",
+        line("wrinkledness, 640 x 480", f"{1000.0 * results.wrinkledness_time_median:.0f} ms"),
         "",
         f"{results.ridges} Gaussian ridges on {results.towels} towels, 0.1 mm of noise:",
         "",
-        "| | worst | median |",
-        "|---|---|---|",
+        line("", "worst", "median"),
+        rule(3),
         (
-            f"| width against 2 sigma | {1e3 * results.width_error_max:.2f} mm "
-            f"| {1e3 * results.width_error_median:.2f} mm |"
+            line(
+                "width against 2 sigma",
+                f"{1000.0 * results.width_error_max:.2f} mm",
+                f"{1000.0 * results.width_error_median:.2f} mm",
+            )
         ),
         (
-            f"| chord height against (1 - exp(-1/2)) h | {1e3 * results.chord_height_error_max:.2f} "
-            f"mm | {1e3 * results.chord_height_error_median:.2f} mm |"
+            line(
+                "chord height against (1 - exp(-1/2)) h",
+                f"{1000.0 * results.chord_height_error_max:.2f} mm",
+                f"{1000.0 * results.chord_height_error_median:.2f} mm",
+            )
         ),
-        f"| direction | {math.degrees(results.direction_error_max):.2f} deg | |",
+        line("direction", f"{math.degrees(results.direction_error_max):.2f} deg", ""),
         "",
         (
             f"Missed ridges {results.ridges_missed}, wrinkles too many {results.wrinkles_extra}, "
@@ -240,11 +252,11 @@ def table(results: AnalysisResult) -> str:
             f"kept apart in {results.crossings_separated_fraction:.0%} of {results.crossings}."
         ),
         "",
-        "| flat cloth | seeds | above the halting measure | largest pull |",
-        "|---|---|---|---|",
+        line("flat cloth", "seeds", "above the halting measure", "largest pull"),
+        rule(4),
     ]
     rows += [
-        f"| {name} | {flat.seeds} | {flat.false_alarms} | {1e3 * flat.pull_max:.2f} mm |"
+        line(f"{name}", f"{flat.seeds}", f"{flat.false_alarms}", f"{1000.0 * flat.pull_max:.2f} mm")
         for name, flat in results.flat_cloth.items()
     ]
     return "\n".join(rows) + "\n"

@@ -18,6 +18,7 @@ import numpy as np
 
 from benchmarks.harness.data import data_folder
 from benchmarks.harness.report import Progress
+from benchmarks.harness.tables import line, rule
 from unwrinkle.models.arrays import Pose
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import load_cell
@@ -373,8 +374,16 @@ def table(results: CalibrationResult) -> str:
         "The head from nothing: a board at some places, then a fixed board from some gazes. The",
         "larger error of both eyes; `repeatability` is that of the pan-tilt units, in their steps.",
         "",
-        "| corners | repeatability | camera on mount | Tsai-Lenz alone | right base | focal | RMS |",
-        "|---|---|---|---|---|---|---|",
+        line(
+            "corners",
+            "repeatability",
+            "camera on mount",
+            "Tsai-Lenz alone",
+            "right base",
+            "focal",
+            "RMS",
+        ),
+        rule(7),
     ]
     synthetic = results.synthetic
     for spread in dict.fromkeys(row.repeatability for row in synthetic):
@@ -389,12 +398,16 @@ def table(results: CalibrationResult) -> str:
             "",
             "Range maps of a wrinkled towel at new gazes (RMS of height, mm):",
             "",
-            "| gaze | calibrated | true head | ratio |",
-            "|---|---|---|---|",
+            line("gaze", "calibrated", "true head", "ratio"),
+            rule(4),
         ]
         lines += [
-            f"| {number + 1} | {1e3 * row.rms:.3f} | {1e3 * row.rms_true:.3f} "
-            f"| {row.rms / row.rms_true:.2f} |"
+            line(
+                f"{number + 1}",
+                f"{1000.0 * row.rms:.3f}",
+                f"{1000.0 * row.rms_true:.3f}",
+                f"{row.rms / row.rms_true:.2f}",
+            )
             for number, row in enumerate(results.range_maps)
         ]
     return "\n".join([*lines, ""])
@@ -412,9 +425,14 @@ def _line(label: str, repeatability: float, rows: Sequence[SyntheticHead | Rende
     )
     focal = _figure([1e6 * max(eye.focal_error for eye in row.eyes) for row in rows], 0)
     rms = _figure([row.rms_px for row in rows], 3)
-    return (
-        f"| {label} | {repeatability} | {pair('turn', 'shift')} "
-        f"| {pair('tsai_turn', 'tsai_shift')} | {base} | {focal} ppm | {rms} px |"
+    return line(
+        f"{label}",
+        f"{repeatability}",
+        f"{pair('turn', 'shift')}",
+        f"{pair('tsai_turn', 'tsai_shift')}",
+        f"{base}",
+        f"{focal} ppm",
+        f"{rms} px",
     )
 
 

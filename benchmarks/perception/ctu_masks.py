@@ -19,6 +19,7 @@ from scipy.optimize import minimize
 
 from benchmarks.harness.data import data_folder
 from benchmarks.harness.report import Progress
+from benchmarks.harness.tables import line, rule
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.depth.capture import Capture
 from unwrinkle.perception.depth.range_mapping import load_capture, segment_capture
@@ -91,12 +92,17 @@ def table(results: MasksResult) -> str:
         "similarity alignment (colour and depth are not registered). The outlines are polygons of",
         "7 to 14 points with straight sides.",
         "",
-        "| sample | garment | IoU, colour and depth | IoU, depth alone | table RMS (mm) |",
-        "|---|---|---|---|---|",
+        line("sample", "garment", "IoU, colour and depth", "IoU, depth alone", "table RMS (mm)"),
+        rule(5),
     ]
     lines += [
-        f"| {s.name} | {s.type}, {s.shape} | {s.iou_colour:.3f} "
-        f"| {s.iou_depth:.3f} | {1e3 * s.table_rms:.2f} |"
+        line(
+            f"{s.name}",
+            f"{s.type}, {s.shape}",
+            f"{s.iou_colour:.3f}",
+            f"{s.iou_depth:.3f}",
+            f"{1000.0 * s.table_rms:.2f}",
+        )
         for s in results.samples
     ]
     return "\n".join([*lines, ""])

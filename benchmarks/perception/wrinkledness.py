@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.harness.report import Progress
+from benchmarks.harness.tables import line, rule
 from unwrinkle.perception.wrinkles.wrinkledness import WINDOW, normal_bins, window_entropy
 
 _SIZES = ((480, 640), (1000, 1000))
@@ -73,12 +74,23 @@ def table(results: WrinklednessResult) -> str:
     lines = [
         f"Entropy of 8 x 8 bins in a window of {results.window} cells, on smooth random slopes.",
         "",
-        "| size | bins used | median (ms) | best (ms) | largest difference to brute force (nat) |",
-        "|---|---|---|---|---|",
+        line(
+            "size",
+            "bins used",
+            "median (ms)",
+            "best (ms)",
+            "largest difference to brute force (nat)",
+        ),
+        rule(5),
     ]
     lines += [
-        f"| {s.width} x {s.height} | {s.bins_used} | {1e3 * s.time_median:.0f} "
-        f"| {1e3 * s.time_min:.0f} | {s.brute_force_difference_max:.1e} |"
+        line(
+            f"{s.width} x {s.height}",
+            f"{s.bins_used}",
+            f"{1000.0 * s.time_median:.0f}",
+            f"{1000.0 * s.time_min:.0f}",
+            f"{s.brute_force_difference_max:.1e}",
+        )
         for s in results.sizes
     ]
     return "\n".join([*lines, ""])

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from benchmarks.harness.plots import bars, draw_cloth, save
 from benchmarks.harness.report import Progress
 from benchmarks.harness.statistics import wilson
+from benchmarks.harness.tables import line, rule
 from benchmarks.harness.trials import Trial, run_trials, trials_wall
 from benchmarks.published.figures import RunFigures, run_figures
 from benchmarks.published.loop_trials import VERTICES, LoopTrial
@@ -190,21 +191,37 @@ def table(results: Table1Result) -> str:
         ),
         "",
         (
-            "| wrinkles about | runs | RNI, mean (most) | flat by detector, by truth | dual-arm plans (95 %) | least of a direction "
-            "| grasps | true height before, median; after, most | overstretch, most |"
+            line(
+                "wrinkles about",
+                "runs",
+                "RNI, mean (most)",
+                "flat by detector, by truth",
+                "dual-arm plans (95 %)",
+                "least of a direction",
+                "grasps",
+                "true height before, median; after, most",
+                "overstretch, most",
+            )
         ),
-        "|---|---|---|---|---|---|---|---|---|",
+        rule(9),
     ]
     for reading in results.readings:
         c = results.readings[reading]
         low, high = c.dual_interval
         lines.append(
-            f"| {reading} | {c.runs} | {c.rni_mean:.2f} ({c.rni_max}) | {c.flat}, {c.flat_by_truth} "
-            f"| {100 * c.dual_success:.1f} % ({100 * low:.0f} to {100 * high:.0f} %) | {100 * c.dual_least:.0f} % "
-            f"| {100 * c.grasp_success:.1f} % | {1e3 * c.height_before:.1f} mm; {1e3 * c.height_max:.1f} mm "
-            f"| {100 * c.overstretch_max:.1f} % |"
+            line(
+                f"{reading}",
+                f"{c.runs}",
+                f"{c.rni_mean:.2f} ({c.rni_max})",
+                f"{c.flat}, {c.flat_by_truth}",
+                f"{100 * c.dual_success:.1f} % ({100 * low:.0f} to {100 * high:.0f} %)",
+                f"{100 * c.dual_least:.0f} %",
+                f"{100 * c.grasp_success:.1f} %",
+                f"{1000.0 * c.height_before:.1f} mm; {1000.0 * c.height_max:.1f} mm",
+                f"{100 * c.overstretch_max:.1f} %",
+            )
         )
-    lines += ["", "## Against the targets", "", "| target | here | met |", "|---|---|---|"]
+    lines += ["", "## Against the targets", "", line("target", "here", "met"), rule(3)]
     for reading in results.readings:
         c = results.readings[reading]
         for what, value, met in (
@@ -217,16 +234,29 @@ def table(results: Table1Result) -> str:
             ("no direction under 80 %", f"{100 * c.dual_least:.0f} %", c.dual_least >= 0.8),
             ("grasps 100 %", f"{100 * c.grasp_success:.1f} %", c.grasp_success == 1.0),
         ):
-            lines.append(f"| {what} ({reading}) | {value} | {'yes' if met else 'no'} |")
+            lines.append(line(f"{what} ({reading})", f"{value}", f"{('yes' if met else 'no')}"))
     for reading in results.readings:
         lines += ["", f"## Directions about {reading}", ""]
         lines += [
-            "| direction, deg | RNI, mean | dual-arm plans | grasps | true height after, most | coverage, least |",
-            "|---|---|---|---|---|---|",
+            line(
+                "direction, deg",
+                "RNI, mean",
+                "dual-arm plans",
+                "grasps",
+                "true height after, most",
+                "coverage, least",
+            ),
+            rule(6),
         ]
         lines += [
-            f"| {d.direction:+.1f} | {d.rni_mean:.1f} | {100 * d.dual_success:.0f} % "
-            f"| {100 * d.grasp_success:.0f} % | {1e3 * d.height_max:.1f} mm | {100 * d.coverage_least:.1f} % |"
+            line(
+                f"{d.direction:+.1f}",
+                f"{d.rni_mean:.1f}",
+                f"{100 * d.dual_success:.0f} %",
+                f"{100 * d.grasp_success:.0f} %",
+                f"{1000.0 * d.height_max:.1f} mm",
+                f"{100 * d.coverage_least:.1f} %",
+            )
             for d in results.readings[reading].directions
         ]
     return "\n".join([*lines, *_not_in_one(results), ""])
@@ -235,8 +265,13 @@ def table(results: Table1Result) -> str:
 def _not_in_one(results: Table1Result) -> list[str]:
     """The runs that needed more than one action, or did not end flat."""
     rows = [
-        f"| {run.name} | {run.status} | {run.actions} | {run.looks[0].arms} "
-        f"| {', '.join(f'{1e3 * height:.1f}' for height in run.heights)} |"
+        line(
+            f"{run.name}",
+            f"{run.status}",
+            f"{run.actions}",
+            f"{run.looks[0].arms}",
+            f"{', '.join(f'{1000.0 * height:.1f}' for height in run.heights)}",
+        )
         for reading in results.readings
         for run in results.runs[reading]
         if run.actions != 1 or run.status != "flat"
@@ -244,8 +279,8 @@ def _not_in_one(results: Table1Result) -> list[str]:
     if not rows:
         return []
     head = [
-        "| run | ended | actions | arms of the first | true heights, mm |",
-        "|---|---|---|---|---|",
+        line("run", "ended", "actions", "arms of the first", "true heights, mm"),
+        rule(5),
     ]
     return ["", "## Runs that took other than one action", "", *head, *rows]
 
@@ -276,8 +311,8 @@ def plot(results: Table1Result, path: Path) -> None:
         repeats = results.repeats
         for column, row in enumerate(of):
             run = results.runs[reading][column * repeats]
-            for line, number in enumerate((0, -1)):
-                below = figure.add_subplot(grid[1 + 2 * k + line, column])
+            for below_it, number in enumerate((0, -1)):
+                below = figure.add_subplot(grid[1 + 2 * k + below_it, column])
                 if (Path(run.folder) / VERTICES).exists():
                     draw_cloth(below, Path(run.folder) / VERTICES, number)
                 below.set_title(

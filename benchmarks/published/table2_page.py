@@ -1,5 +1,6 @@
 """The page of Table II."""
 
+from benchmarks.harness.tables import line, rule
 from benchmarks.published.table2_results import Table2Result
 
 
@@ -21,8 +22,16 @@ def page(results: Table2Result, cells: list[str], options: list[str]) -> str:
             "where there is no verified motion for two."
         ),
         "",
-        "| cell | RNI, detector: mean (std) | 95 % of mean | published | RNI, truth: mean (std) | flat by detector | flat by truth |",
-        "|---|---|---|---|---|---|---|",
+        line(
+            "cell",
+            "RNI, detector: mean (std)",
+            "95 % of mean",
+            "published",
+            "RNI, truth: mean (std)",
+            "flat by detector",
+            "flat by truth",
+        ),
+        rule(7),
     ]
     for cell in [*cells, *options]:
         c, p = results.cells[cell], published.get(cell)
@@ -33,9 +42,15 @@ def page(results: Table2Result, cells: list[str], options: list[str]) -> str:
         if c.rni_truth_mean is not None:
             truth = f"{c.rni_truth_mean:.1f} ({c.rni_truth_std:.2f})"
         lines.append(
-            f"| {cell_name(cell)} | {c.rni_mean:.1f} ({c.rni_std:.2f}) | {low:.1f} to {high:.1f} "
-            f"| {was} | {truth} "
-            f"| {count - c.unfinished} of {count} | {c.flat_by_truth} of {count} |"
+            line(
+                f"{cell_name(cell)}",
+                f"{c.rni_mean:.1f} ({c.rni_std:.2f})",
+                f"{low:.1f} to {high:.1f}",
+                f"{was}",
+                f"{truth}",
+                f"{count - c.unfinished} of {count}",
+                f"{c.flat_by_truth} of {count}",
+            )
         )
     lines += [
         "",
@@ -46,10 +61,18 @@ def page(results: Table2Result, cells: list[str], options: list[str]) -> str:
         ),
         "",
         (
-            "| cell | dual-arm plans | published | missed grasps | coverage, mean (least) | true height at the end, median (most) "
-            "| overstretch, most | s per action |"
+            line(
+                "cell",
+                "dual-arm plans",
+                "published",
+                "missed grasps",
+                "coverage, mean (least)",
+                "true height at the end, median (most)",
+                "overstretch, most",
+                "s per action",
+            )
         ),
-        "|---|---|---|---|---|---|---|---|",
+        rule(8),
     ]
     for cell in [*cells, *options]:
         c, p = results.cells[cell], published.get(cell)
@@ -62,9 +85,16 @@ def page(results: Table2Result, cells: list[str], options: list[str]) -> str:
             )
         was = "-" if p is None or p.dual_success is None else f"{100 * p.dual_success:.1f} %"
         lines.append(
-            f"| {cell_name(cell)} | {plans} | {was} | {c.missed} | {100 * c.coverage_mean:.1f} "
-            f"({100 * c.coverage_least:.1f}) % | {1e3 * c.height_median:.1f} ({1e3 * c.height_max:.1f}) mm "
-            f"| {100 * c.overstretch_max:.1f} % | {c.action_seconds_median:.1f} |"
+            line(
+                f"{cell_name(cell)}",
+                f"{plans}",
+                f"{was}",
+                f"{c.missed}",
+                f"{100 * c.coverage_mean:.1f} ({100 * c.coverage_least:.1f}) %",
+                f"{1000.0 * c.height_median:.1f} ({1000.0 * c.height_max:.1f}) mm",
+                f"{100 * c.overstretch_max:.1f} %",
+                f"{c.action_seconds_median:.1f}",
+            )
         )
     lines += [
         "",
@@ -123,9 +153,9 @@ def _targets(results: Table2Result, cells: list[str]) -> list[str]:
         said = "not told" if kept is None else "kept" if kept else "not kept"
         rows.append((f"order of the cells, by the {word}", said, bool(kept)))
     lines = [
-        "| target | here | met |",
-        "|---|---|---|",
-        *(f"| {what} | {value} | {'yes' if met else 'no'} |" for what, value, met in rows),
+        line("target", "here", "met"),
+        rule(3),
+        *(line(f"{what}", f"{value}", f"{('yes' if met else 'no')}") for what, value, met in rows),
     ]
     if not results.order_kept.rni_mean:
         lines += ["", _why_not_ordered(results, cells)]
@@ -165,16 +195,28 @@ def _why_not_ordered(results: Table2Result, cells: list[str]) -> str:
 
 def _runs(results: Table2Result, cells: list[str]) -> list[str]:
     lines = [
-        "| run | ended | actions (two arms, one arm, missed) | flat by truth after | true height, mm | coverage, % |",
-        "|---|---|---|---|---|---|",
+        line(
+            "run",
+            "ended",
+            "actions (two arms, one arm, missed)",
+            "flat by truth after",
+            "true height, mm",
+            "coverage, %",
+        ),
+        rule(6),
     ]
     for cell in cells:
         for run in results.runs[cell]:
             after = "-" if run.rni_truth is None else str(run.rni_truth)
             heights, covered = run.heights, run.coverages
             lines.append(
-                f"| {run.name} | {run.status} | {run.actions} ({run.dual}, {run.single}, {run.missed}) "
-                f"| {after} | {1e3 * heights[0]:.1f} to {1e3 * heights[-1]:.1f} "
-                f"| {100 * covered[0]:.1f} to {100 * covered[-1]:.1f} |"
+                line(
+                    f"{run.name}",
+                    f"{run.status}",
+                    f"{run.actions} ({run.dual}, {run.single}, {run.missed})",
+                    f"{after}",
+                    f"{1000.0 * heights[0]:.1f} to {1000.0 * heights[-1]:.1f}",
+                    f"{100 * covered[0]:.1f} to {100 * covered[-1]:.1f}",
+                )
             )
     return lines

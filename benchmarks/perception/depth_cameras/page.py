@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.harness.tables import line, rule
 from benchmarks.perception.depth_cameras.noise import LAGS
 from benchmarks.perception.depth_cameras.results import (
     DepthCamerasResult,
@@ -59,10 +60,19 @@ def _noise(results: DepthCamerasResult) -> str:
         ),
         "",
         (
-            "| map | table at, m | table RMS, mm | off the plane, steps | columns | rest | correlation | "
-            "holes, % | on garment, % |"
+            line(
+                "map",
+                "table at, m",
+                "table RMS, mm",
+                "off the plane, steps",
+                "columns",
+                "rest",
+                "correlation",
+                "holes, %",
+                "on garment, %",
+            )
         ),
-        "|---|---|---|---|---|---|---|---|---|",
+        rule(9),
     ]
     rows: list[tuple[str, MedianNoise]] = [(row.name, row) for row in [*real.maps, *simulated]]
     groups = (("median of the real maps", real.maps), ("median of the simulated", simulated))
@@ -70,9 +80,17 @@ def _noise(results: DepthCamerasResult) -> str:
     for name, row in rows:
         alike = ", ".join(f"{row.along_rows[LAGS.index(lag)]:.2f}" for lag in (1, 4, 8, 16, 32))
         lines.append(
-            f"| {name} | {row.distance:.3f} | {1e3 * row.table_rms:.2f} "
-            f"| {row.plane_rms:.2f} | {row.column_rms:.2f} | {row.rest_rms:.2f} "
-            f"| {alike} | {100 * row.holes:.1f} | {100 * row.garment_holes:.2f} |"
+            line(
+                f"{name}",
+                f"{row.distance:.3f}",
+                f"{1000.0 * row.table_rms:.2f}",
+                f"{row.plane_rms:.2f}",
+                f"{row.column_rms:.2f}",
+                f"{row.rest_rms:.2f}",
+                f"{alike}",
+                f"{100 * row.holes:.1f}",
+                f"{100 * row.garment_holes:.2f}",
+            )
         )
     return "\n".join(lines)
 
@@ -103,8 +121,8 @@ def _laws(rows: Sequence[NoiseLaws]) -> str:
             "the camera has no reading. The specimen's fixed bias is not in it."
         ),
         "",
-        "| distance, m | Xtion | Khoshelham | Nguyen | time of flight |",
-        "|---|---|---|---|---|",
+        line("distance, m", "Xtion", "Khoshelham", "Nguyen", "time of flight"),
+        rule(5),
     ]
     for row in rows:
         values = [
@@ -114,7 +132,7 @@ def _laws(rows: Sequence[NoiseLaws]) -> str:
             row.tof_sigma,
         ]
         cells = " | ".join("-" if value is None else f"{1e3 * value:.2f}" for value in values)
-        lines.append(f"| {row.distance:.1f} | {cells} |")
+        lines.append(line(f"{row.distance:.1f}", f"{cells}"))
     return "\n".join(lines)
 
 
@@ -129,17 +147,29 @@ def _edges(results: DepthCamerasResult) -> str:
             "shadow is f b (1/near - 1/far) wide, to the left."
         ),
         "",
-        "| camera | over the table, m | readings, % | flying, % | shadow left, right, px | law, px |",
-        "|---|---|---|---|---|---|",
+        line(
+            "camera",
+            "over the table, m",
+            "readings, %",
+            "flying, %",
+            "shadow left, right, px",
+            "law, px",
+        ),
+        rule(6),
     ]
     for key, view in results.leaf.items():
         edge = view.edge
         left, right = edge.shadow
         shadow = f"{left}, {right}" if view.holes < 1.0 else "-"
         lines.append(
-            f"| {_TITLES[key.removesuffix('_close')]} | {view.height:.2f} "
-            f"| {100 * (1.0 - view.holes):.1f} | {100 * edge.flying:.1f} | {shadow} "
-            f"| {edge.shadow_law:.1f} |"
+            line(
+                f"{_TITLES[key.removesuffix('_close')]}",
+                f"{view.height:.2f}",
+                f"{100 * (1.0 - view.holes):.1f}",
+                f"{100 * edge.flying:.1f}",
+                f"{shadow}",
+                f"{edge.shadow_law:.1f}",
+            )
         )
     holes = "; ".join(
         f"{_TITLES[key]} {100 * view.garment_holes:.1f} %" for key, view in results.garment.items()
@@ -158,10 +188,19 @@ def _wrinkles(results: DepthCamerasResult) -> str:
         ),
         "",
         (
-            "| camera | seed | found | beside, mm | turn, deg | length, mm | width, mm | chord height, mm "
-            "| look, s |"
+            line(
+                "camera",
+                "seed",
+                "found",
+                "beside, mm",
+                "turn, deg",
+                "length, mm",
+                "width, mm",
+                "chord height, mm",
+                "look, s",
+            )
         ),
-        "|---|---|---|---|---|---|---|---|---|",
+        rule(9),
     ]
     for row in results.wrinkles:
         if row.length is not None:
@@ -175,8 +214,13 @@ def _wrinkles(results: DepthCamerasResult) -> str:
         else:
             figures = " | ".join("-" * 5)
         lines.append(
-            f"| {_TITLES[row.camera]} | {row.seed} | {'yes' if row.found else 'no'} "
-            f"| {figures} | {row.time:.2f} |"
+            line(
+                f"{_TITLES[row.camera]}",
+                f"{row.seed}",
+                f"{('yes' if row.found else 'no')}",
+                f"{figures}",
+                f"{row.time:.2f}",
+            )
         )
     shares = "; ".join(f"{_TITLES[k]} {100 * v:.0f} %" for k, v in results.largest_found.items())
     lines += ["", f"Truth in brackets. Found: {shares}."]

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.harness.report import Progress
+from benchmarks.harness.tables import line, rule
 from benchmarks.perception.gaze.rendered_head import HeadInCell
 from benchmarks.perception.gaze.visual_search import SearchFigures, search_results
 from unwrinkle.models.transforms import turn
@@ -252,12 +253,20 @@ def table(results: GazeResult) -> str:
             f"of the units is {mdeg(results.step)} mdeg. Errors are true ones, of the worse eye."
         ),
         "",
-        "| case | starts | converged | looks, most | error, median mdeg | error, worst mdeg |",
-        "|---|---|---|---|---|---|",
+        line(
+            "case", "starts", "converged", "looks, most", "error, median mdeg", "error, worst mdeg"
+        ),
+        rule(6),
     ]
     lines += [
-        f"| {c.case}: {CASES[c.case]} | {c.starts} | {c.converged} | {c.looks_max} "
-        f"| {mdeg(c.error_median)} | {mdeg(c.error_max)} |"
+        line(
+            f"{c.case}: {CASES[c.case]}",
+            f"{c.starts}",
+            f"{c.converged}",
+            f"{c.looks_max}",
+            f"{mdeg(c.error_median)}",
+            f"{mdeg(c.error_max)}",
+        )
         for c in results.cases
         if c.starts
     ]
@@ -271,15 +280,24 @@ def table(results: GazeResult) -> str:
         "",
         _search_line(results.search),
         "",
-        "| case | cloth | off at the start, deg (left, right) | looks | left mdeg | right mdeg |",
-        "|---|---|---|---|---|---|",
+        line(
+            "case",
+            "cloth",
+            "off at the start, deg (left, right)",
+            "looks",
+            "left mdeg",
+            "right mdeg",
+        ),
+        rule(6),
     ]
     for row in results.trials:
         off = ", ".join(f"{math.degrees(angle):.1f}" for angle in row.start_offset)
         ends = [mdeg(row.left_error), mdeg(row.right_error)]
         if row.case == "vergence":  # of the point that the left eye looks at
             ends = ["-", mdeg(row.vergence_error)]
-        lines.append(f"| {row.case} | {row.cloth} | {off} | {row.looks} | {' | '.join(ends)} |")
+        lines.append(
+            line(f"{row.case}", f"{row.cloth}", f"{off}", f"{row.looks}", f"{' | '.join(ends)}")
+        )
     return "\n".join(lines) + "\n"
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from benchmarks.harness.tables import line, rule
 from benchmarks.planning.trajectories.measures import limit_ratios
 from benchmarks.planning.trajectories.methods import METHODS, Failure
 from benchmarks.planning.trajectories.paths import load_paths
@@ -94,10 +95,19 @@ def page(results: TrajectoriesResult) -> str:
 def _main(methods: dict[str, MethodFigures]) -> list[str]:
     lines = [
         (
-            "| method | failed | clean paths | time / jerk-free, median (max) | violations v, a, j, tip "
-            "| worst v, a, j, tip over limit | off the path, median (max), mm | joints, max, rad | CPU, median, s |"
+            line(
+                "method",
+                "failed",
+                "clean paths",
+                "time / jerk-free, median (max)",
+                "violations v, a, j, tip",
+                "worst v, a, j, tip over limit",
+                "off the path, median (max), mm",
+                "joints, max, rad",
+                "CPU, median, s",
+            )
         ),
-        "|---|---|---|---|---|---|---|---|---|",
+        rule(9),
     ]
     for key, (label, _) in METHODS.items():
         row = methods[key]
@@ -166,10 +176,16 @@ def _optimum(optimum: OptimumFigures) -> list[str]:
         ),
         "",
         (
-            "| piece | our law at full limits / programme, median (max) | as sent / programme | programme on a grid 8 x finer "
-            "/ at its nodes | programme / jerk-free | programme / lower bound |"
+            line(
+                "piece",
+                "our law at full limits / programme, median (max)",
+                "as sent / programme",
+                "programme on a grid 8 x finer / at its nodes",
+                "programme / jerk-free",
+                "programme / lower bound",
+            )
         ),
-        "|---|---|---|---|---|---|",
+        rule(6),
     ]
     for name, row in optimum.pieces.items():
         cells = [
@@ -205,7 +221,7 @@ def _groups(groups: dict[str, dict[str, MethodFigures]]) -> list[str]:
     lines = [
         "Time over toppra's jerk-free time, median (max); greatest deviation, mm:",
         "",
-        f"| method | {titles} |",
+        line("method", f"{titles}"),
         "|---" * (len(names) + 1) + "|",
     ]
     for key, (label, _) in METHODS.items():

@@ -1,6 +1,7 @@
 """The page of the garments board."""
 
 from benchmarks.harness.statistics import Spread, wilson
+from benchmarks.harness.tables import line, rule
 from benchmarks.published.garments.baseline_policies import CREST_DRAG, DRAG, LIFT, REACH, SPEED
 from benchmarks.published.garments.results import GarmentsResult
 from benchmarks.published.garments.trials import GARMENTS, LOOPS, NODES, OURS
@@ -54,9 +55,12 @@ def page(results: GarmentsResult) -> str:
             "Taken from the papers' abstracts; tables of theirs are not quoted."
         ),
         "",
-        "| result | coverage | source |",
-        "|---|---|---|",
-        *(f"| {one.label} | {_range(one.coverage)} | {one.source} |" for one in results.published),
+        line("result", "coverage", "source"),
+        rule(3),
+        *(
+            line(f"{one.label}", f"{_range(one.coverage)}", f"{one.source}")
+            for one in results.published
+        ),
     ]
     return "\n".join([*lines, ""])
 

@@ -11,6 +11,7 @@ from benchmarks.harness.plots import OURS as OUR_COLOUR
 from benchmarks.harness.plots import draw_cloth, save
 from benchmarks.harness.report import Progress
 from benchmarks.harness.statistics import wilson
+from benchmarks.harness.tables import line
 from benchmarks.harness.trials import FailedTrial, trials_wall, try_trials
 from benchmarks.published.grasps.results import (
     ChoiceFigures,
@@ -240,7 +241,7 @@ def _sure(choice: str, figures: ChoiceFigures, distances: int) -> str:
     off = " | ".join("-" if share is None else f"{100 * share:.0f} %" for share in shares)
     causes = ", ".join(f"{cause} {n}" for cause, n in figures.causes.items()) or "none"
     planned = f"{figures.planned} of {figures.attempts}"
-    return f"| {choice} | {planned} | {inset} | {depth} | {off} | {causes} |"
+    return line(f"{choice}", f"{planned}", f"{inset}", f"{depth}", f"{off}", f"{causes}")
 
 
 def plot(results: GraspsResult, path: Path) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from benchmarks.harness.statistics import Spread
+from benchmarks.harness.tables import line, rule
 from benchmarks.published.sensitivity.conditions import DEFAULT, MANY_STARTS, STEREO, TRUTH
 from benchmarks.published.sensitivity.results import ConditionFigures, SensitivityResult
 
@@ -46,18 +47,41 @@ def page(results: SensitivityResult) -> str:
 def _table(conditions: Sequence[ConditionFigures]) -> list[str]:
     lines = [
         (
-            "| setting | value | runs | actions: mean (std) | 95 % of mean | more than the default, same starts (95 %) | ended flat "
-            "| flat by truth | missed grasps | coverage at the end, mean | true height, most | overstretch, most |"
+            line(
+                "setting",
+                "value",
+                "runs",
+                "actions: mean (std)",
+                "95 % of mean",
+                "more than the default, same starts (95 %)",
+                "ended flat",
+                "flat by truth",
+                "missed grasps",
+                "coverage at the end, mean",
+                "true height, most",
+                "overstretch, most",
+            )
         ),
-        "|---|---|---|---|---|---|---|---|---|---|---|---|",
+        rule(12),
     ]
     for c in conditions:
         low, high = c.rni_interval
         count = c.runs
         lines.append(
-            f"| {c.setting} | {c.value} | {count} | {c.rni_mean:.1f} ({c.rni_std:.2f}) | {low:.1f} to {high:.1f} "
-            f"| {_difference(c.to_default)} | {count - c.unfinished} of {count} | {c.flat_by_truth} of {count} "
-            f"| {c.missed} | {100 * c.coverage_mean:.1f} % | {1e3 * c.height_max:.1f} mm | {100 * c.overstretch_max:.1f} % |"
+            line(
+                f"{c.setting}",
+                f"{c.value}",
+                f"{count}",
+                f"{c.rni_mean:.1f} ({c.rni_std:.2f})",
+                f"{low:.1f} to {high:.1f}",
+                f"{_difference(c.to_default)}",
+                f"{count - c.unfinished} of {count}",
+                f"{c.flat_by_truth} of {count}",
+                f"{c.missed}",
+                f"{100 * c.coverage_mean:.1f} %",
+                f"{1000.0 * c.height_max:.1f} mm",
+                f"{100 * c.overstretch_max:.1f} %",
+            )
         )
     return lines
 
