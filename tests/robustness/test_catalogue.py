@@ -20,7 +20,7 @@ SLOW = frozenset({"P1", "V1", "V2", "V5", "G2"})
 
 def _marks(name: str) -> list[pytest.MarkDecorator]:
     if name in catalogue.LONG:  # their pieces stand in tests/unwrinkle/execution
-        return [pytest.mark.slow, pytest.mark.long]
+        return [pytest.mark.slow, pytest.mark.long, pytest.mark.timeout(1800)]
     return [pytest.mark.slow] if name in SLOW else []
 
 
