@@ -106,10 +106,10 @@ def table(results: ClothResult) -> str:
         kind = "elastic" if not row.plastic else "as shipped, slips"
         lines.append(
             line(
-                f"cantilever, bending length (mm), overhang {1000.0 * row.overhang:.0f} mm",
+                f"cantilever, bending length (mm), overhang {1e3 * row.overhang:.0f} mm",
                 f"B = {row.bending:.0e} N m, {kind}",
-                f"{1000.0 * row.bending_length:.2f}",
-                f"{1000.0 * row.bending_length_exact:.2f}",
+                f"{1e3 * row.bending_length:.2f}",
+                f"{1e3 * row.bending_length_exact:.2f}",
                 f"{100 * row.error:+.1f}",
             )
         )
@@ -122,8 +122,8 @@ def table(results: ClothResult) -> str:
             line(
                 f"{name} of a strip under its weight (mm)",
                 f"{symbol} = {stated:g} N/m",
-                f"{1000.0 * strip.found:.3f}",
-                f"{1000.0 * strip.exact:.3f}",
+                f"{1e3 * strip.found:.3f}",
+                f"{1e3 * strip.exact:.3f}",
                 f"{100 * strip.error:+.1f}",
             )
         )
@@ -132,8 +132,8 @@ def table(results: ClothResult) -> str:
             line(
                 "sag between two edges (mm)",
                 f"{sag.length:.3f} m over {sag.span:.3f} m",
-                f"{1000.0 * sag.found:.1f}",
-                f"{1000.0 * sag.exact:.1f}",
+                f"{1e3 * sag.found:.1f}",
+                f"{1e3 * sag.exact:.1f}",
                 f"{100 * sag.error:+.1f}",
             )
         )
@@ -173,7 +173,7 @@ def table(results: ClothResult) -> str:
             f"{r.state}",
             f"{100 * r.area_error:+.2f}",
             f"{100 * r.yarn_error:.2f}",
-            f"{1000.0 * r.moved_in_2s:.3f}",
+            f"{1e3 * r.moved_in_2s:.3f}",
             f"{r.kinetic_after_2s:.1e}",
             f"{r.kick:.1e}",
             f"{r.kick_after_20ms:.1e}",
@@ -212,9 +212,9 @@ def _pull_lines(results: ClothResult) -> list[str]:
         lines.append(
             line(
                 f"{np.degrees(row.direction):+.0f}",
-                f"{1000.0 * row.slack:.0f}",
-                f"{1000.0 * row.height:.1f}",
-                f"{1000.0 * row.creep:.3f}",
+                f"{1e3 * row.slack:.0f}",
+                f"{1e3 * row.height:.1f}",
+                f"{1e3 * row.creep:.3f}",
                 f"{left}",
                 f"{100 * row.after[shares[-1]].stretch_in_pull:.1f}",
             )
@@ -275,7 +275,7 @@ def _start_lines(results: ClothResult) -> list[str]:
             f"{s.garment} ({s.material})",
             f"{s.start}",
             f"{100 * s.coverage:.1f}",
-            f"{1000.0 * s.height:.1f}",
+            f"{1e3 * s.height:.1f}",
             f"{100 * s.above_5mm:.1f}",
             f"{100 * s.overstretch:.1f}",
             f"{('yes' if s.asleep else 'no')}",

@@ -1,4 +1,4 @@
-"""What the boards' figures share.
+"""What the benchmarks' figures share.
 
 Bars with intervals beside the published figure, and cloth before and after.
 """

@@ -225,7 +225,7 @@ def table(results: LoopResult) -> str:
         line("what", "target", "measured"),
         rule(3),
         line("default run: status, actions", "flat, at most 5", f"{first.status}, {first.actions}"),
-        line("its largest true height", "5 mm", f"{1000.0 * first.height:.1f} mm"),
+        line("its largest true height", "5 mm", f"{1e3 * first.height:.1f} mm"),
         line("its wall clock, installed", "240 s", f"{first.wall:.0f} s"),
         (
             line(
@@ -268,21 +268,21 @@ def table(results: LoopResult) -> str:
             line(
                 "following error after lag, worst",
                 "1 mrad",
-                f"{1000.0 * results.following_error_worst:.2f} mrad",
+                f"{1e3 * results.following_error_worst:.2f} mrad",
             )
         ),
         (
             line(
                 "gripper distance against plan, worst",
                 "3 mm",
-                f"{1000.0 * results.grip_distance_error_worst:.2f} mm",
+                f"{1e3 * results.grip_distance_error_worst:.2f} mm",
             )
         ),
         (
             line(
                 "clearance below the verdict's, worst",
                 "within the padding",
-                f"{1000.0 * results.clearance_short_worst:.2f} mm",
+                f"{1e3 * results.clearance_short_worst:.2f} mm",
             )
         ),
         (
@@ -342,7 +342,7 @@ def _rows(rows: Sequence[LoopFigures]) -> list[str]:
                 f"{row.name}",
                 f"{row.status}",
                 f"{row.actions} ({row.dual}, {row.missed})",
-                f"{1000.0 * row.height_before:.1f} to {1000.0 * row.height:.1f}",
+                f"{1e3 * row.height_before:.1f} to {1e3 * row.height:.1f}",
                 f"{100 * row.coverage_before:.1f} to {100 * row.coverage:.1f}",
                 f"{100 * row.overstretch:.1f}",
                 f"{row.wall:.0f}",

@@ -1,5 +1,5 @@
-"""Whole runs of `unwrinkle flatten` in processes of their own, kept so that an interrupted board
-goes on.
+"""Whole runs of `unwrinkle flatten` in processes of their own, kept so that an interrupted
+benchmark resumes.
 """
 
 import hashlib

@@ -116,23 +116,23 @@ def table(results: ParityResult) -> str:
         line(
             "loopback against sim, any joint, after the lag",
             "0.5 mrad",
-            f"{1000.0 * worst:.3f} mrad",
+            f"{1e3 * worst:.3f} mrad",
         ),
-        line("log against sim, any joint, after the lag", "", f"{1000.0 * logged:.3f} mrad"),
+        line("log against sim, any joint, after the lag", "", f"{1e3 * logged:.3f} mrad"),
         line(
             "grippers' distance against the plan: sim",
             "3 mm",
-            f"{1000.0 * sim.grip_distance_error:.3f} mm",
+            f"{1e3 * sim.grip_distance_error:.3f} mm",
         ),
         line(
             "grippers' distance against the plan: loopback",
             "3 mm",
-            f"{1000.0 * loopback.grip_distance_error:.3f} mm",
+            f"{1e3 * loopback.grip_distance_error:.3f} mm",
         ),
         line(
             "following error after lag: sim, loopback",
             "",
-            f"{1000.0 * sim.error:.3f}, {1000.0 * loopback.error:.3f} mrad",
+            f"{1e3 * sim.error:.3f}, {1e3 * loopback.error:.3f} mrad",
         ),
         line(
             "cloth in the end against sim, worst vertex (RMS): loopback, in phase with the cloth's clock",
@@ -246,7 +246,7 @@ def _stopping_rows(stopping: dict[str, Stopping]) -> list[str]:
                 line(
                     f"{what}, then {delay:g} s of delay (assumed), at {float(rate):.0%} of the planned speed: from the order to rest, median (worst of {len(times)}); way of the tips meanwhile",
                     "",
-                    f"{np.median(times):.2f} s ({max(times):.2f} s); {1000.0 * np.median(ways):.0f} mm ({1000.0 * max(ways):.0f} mm), simulated",
+                    f"{np.median(times):.2f} s ({max(times):.2f} s); {1e3 * np.median(ways):.0f} mm ({1e3 * max(ways):.0f} mm), simulated",
                 )
             )
     return rows
@@ -281,7 +281,7 @@ def _loop_rows(loop: ClosedLoop | None) -> list[str]:
         line(
             "its true height and coverage in the end",
             "5 mm, 98 %",
-            f"{1000.0 * loop.height:.1f} mm, {loop.coverage:.1%}",
+            f"{1e3 * loop.height:.1f} mm, {loop.coverage:.1%}",
         ),
         line("its wall clock", "", f"{loop.seconds:.0f} s"),
     ]

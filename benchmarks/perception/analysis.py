@@ -214,17 +214,17 @@ def table(results: AnalysisResult) -> str:
     rows += [
         line(
             f"{t.megapixels} MP",
-            f"{1000.0 * t.resolution:.3f} mm",
-            f"{1000.0 * t.median:.0f} ms",
-            f"{1000.0 * t.max:.0f} ms",
+            f"{1e3 * t.resolution:.3f} mm",
+            f"{1e3 * t.median:.0f} ms",
+            f"{1e3 * t.max:.0f} ms",
             f"{t.runs}",
         )
         for t in results.times
     ]
     rows += ["", line("stage, 1 MP", "median"), rule(2)]
-    rows += [line(f"{name}", f"{1000.0 * taken:.1f} ms") for name, taken in results.stages.items()]
+    rows += [line(f"{name}", f"{1e3 * taken:.1f} ms") for name, taken in results.stages.items()]
     rows += [
-        line("wrinkledness, 640 x 480", f"{1000.0 * results.wrinkledness_time_median:.0f} ms"),
+        line("wrinkledness, 640 x 480", f"{1e3 * results.wrinkledness_time_median:.0f} ms"),
         "",
         f"{results.ridges} Gaussian ridges on {results.towels} towels, 0.1 mm of noise:",
         "",
@@ -233,15 +233,15 @@ def table(results: AnalysisResult) -> str:
         (
             line(
                 "width against 2 sigma",
-                f"{1000.0 * results.width_error_max:.2f} mm",
-                f"{1000.0 * results.width_error_median:.2f} mm",
+                f"{1e3 * results.width_error_max:.2f} mm",
+                f"{1e3 * results.width_error_median:.2f} mm",
             )
         ),
         (
             line(
                 "chord height against (1 - exp(-1/2)) h",
-                f"{1000.0 * results.chord_height_error_max:.2f} mm",
-                f"{1000.0 * results.chord_height_error_median:.2f} mm",
+                f"{1e3 * results.chord_height_error_max:.2f} mm",
+                f"{1e3 * results.chord_height_error_median:.2f} mm",
             )
         ),
         line("direction", f"{math.degrees(results.direction_error_max):.2f} deg", ""),
@@ -256,7 +256,7 @@ def table(results: AnalysisResult) -> str:
         rule(4),
     ]
     rows += [
-        line(f"{name}", f"{flat.seeds}", f"{flat.false_alarms}", f"{1000.0 * flat.pull_max:.2f} mm")
+        line(f"{name}", f"{flat.seeds}", f"{flat.false_alarms}", f"{1e3 * flat.pull_max:.2f} mm")
         for name, flat in results.flat_cloth.items()
     ]
     return "\n".join(rows) + "\n"

@@ -404,8 +404,8 @@ def table(results: CalibrationResult) -> str:
         lines += [
             line(
                 f"{number + 1}",
-                f"{1000.0 * row.rms:.3f}",
-                f"{1000.0 * row.rms_true:.3f}",
+                f"{1e3 * row.rms:.3f}",
+                f"{1e3 * row.rms_true:.3f}",
                 f"{row.rms / row.rms_true:.2f}",
             )
             for number, row in enumerate(results.range_maps)

@@ -101,7 +101,7 @@ def table(results: MasksResult) -> str:
             f"{s.type}, {s.shape}",
             f"{s.iou_colour:.3f}",
             f"{s.iou_depth:.3f}",
-            f"{1000.0 * s.table_rms:.2f}",
+            f"{1e3 * s.table_rms:.2f}",
         )
         for s in results.samples
     ]

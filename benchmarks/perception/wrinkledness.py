@@ -87,8 +87,8 @@ def table(results: WrinklednessResult) -> str:
         line(
             f"{s.width} x {s.height}",
             f"{s.bins_used}",
-            f"{1000.0 * s.time_median:.0f}",
-            f"{1000.0 * s.time_min:.0f}",
+            f"{1e3 * s.time_median:.0f}",
+            f"{1e3 * s.time_min:.0f}",
             f"{s.brute_force_difference_max:.1e}",
         )
         for s in results.sizes

@@ -217,7 +217,7 @@ def table(results: Table1Result) -> str:
                 f"{100 * c.dual_success:.1f} % ({100 * low:.0f} to {100 * high:.0f} %)",
                 f"{100 * c.dual_least:.0f} %",
                 f"{100 * c.grasp_success:.1f} %",
-                f"{1000.0 * c.height_before:.1f} mm; {1000.0 * c.height_max:.1f} mm",
+                f"{1e3 * c.height_before:.1f} mm; {1e3 * c.height_max:.1f} mm",
                 f"{100 * c.overstretch_max:.1f} %",
             )
         )
@@ -254,7 +254,7 @@ def table(results: Table1Result) -> str:
                 f"{d.rni_mean:.1f}",
                 f"{100 * d.dual_success:.0f} %",
                 f"{100 * d.grasp_success:.0f} %",
-                f"{1000.0 * d.height_max:.1f} mm",
+                f"{1e3 * d.height_max:.1f} mm",
                 f"{100 * d.coverage_least:.1f} %",
             )
             for d in results.readings[reading].directions
@@ -270,7 +270,7 @@ def _not_in_one(results: Table1Result) -> list[str]:
             f"{run.status}",
             f"{run.actions}",
             f"{run.looks[0].arms}",
-            f"{', '.join(f'{1000.0 * height:.1f}' for height in run.heights)}",
+            f"{', '.join(f'{1e3 * height:.1f}' for height in run.heights)}",
         )
         for reading in results.readings
         for run in results.runs[reading]

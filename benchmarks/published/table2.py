@@ -22,7 +22,7 @@ _XTION = {"kind": "depth", "depth_camera": "xtion"}
 _STEREO = {"kind": "stereo"}
 #: The published rule: the largest wrinkle first, pulled by its own slack.
 _GREEDY = {"order": "volume", "section": "centre", "pull": "wrinkle"}
-#: The rule that the levers found better: the section that crosses most, pulled by all the slack
+#: The rule that the benchmark `sensitivity` found better: the section that crosses most, pulled by all the slack
 #: along it.
 _TOGETHER = {"order": "together", "section": "centre", "pull": "section"}
 #: What a cell of the table changes in the scenario. Its runs with two arms fall back to one where

@@ -91,7 +91,7 @@ def page(results: Table2Result, cells: list[str], options: list[str]) -> str:
                 f"{was}",
                 f"{c.missed}",
                 f"{100 * c.coverage_mean:.1f} ({100 * c.coverage_least:.1f}) %",
-                f"{1000.0 * c.height_median:.1f} ({1000.0 * c.height_max:.1f}) mm",
+                f"{1e3 * c.height_median:.1f} ({1e3 * c.height_max:.1f}) mm",
                 f"{100 * c.overstretch_max:.1f} %",
                 f"{c.action_seconds_median:.1f}",
             )
@@ -215,7 +215,7 @@ def _runs(results: Table2Result, cells: list[str]) -> list[str]:
                     f"{run.status}",
                     f"{run.actions} ({run.dual}, {run.single}, {run.missed})",
                     f"{after}",
-                    f"{1000.0 * heights[0]:.1f} to {1000.0 * heights[-1]:.1f}",
+                    f"{1e3 * heights[0]:.1f} to {1e3 * heights[-1]:.1f}",
                     f"{100 * covered[0]:.1f} to {100 * covered[-1]:.1f}",
                 )
             )

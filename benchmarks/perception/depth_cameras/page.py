@@ -83,7 +83,7 @@ def _noise(results: DepthCamerasResult) -> str:
             line(
                 f"{name}",
                 f"{row.distance:.3f}",
-                f"{1000.0 * row.table_rms:.2f}",
+                f"{1e3 * row.table_rms:.2f}",
                 f"{row.plane_rms:.2f}",
                 f"{row.column_rms:.2f}",
                 f"{row.rest_rms:.2f}",

@@ -1,4 +1,4 @@
-"""The page of the garments board."""
+"""The page of the benchmark `garments`."""
 
 from benchmarks.harness.statistics import Spread, wilson
 from benchmarks.harness.tables import line, rule

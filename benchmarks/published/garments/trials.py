@@ -31,7 +31,7 @@ LOOPS: dict[str, dict[str, Any]] = {
 }
 METHODS = (*LOOPS, *POLICIES)
 STARTS = ("bunched", "pinched")
-#: Each of the cloth that it is usually made of, on a grid that lets the board end within hours.
+#: Each of the cloth that it is usually made of, on a grid that lets the benchmark end within hours.
 NODES = 50
 GARMENTS: dict[str, dict[str, Any]] = {
     "towel": {"outline": "towel", "material": "terry", "texture": "terry", "nodes": NODES},

@@ -23,7 +23,7 @@ class GraspState:
         title: in tables.
         outline: of the garment.
         material: of the garment.
-        start: maker of `wrinkle_makers`.
+        start: maker of `initial_states`.
         pinches: for makers that push or drag repeatedly; None for the others.
     """
 

@@ -79,7 +79,7 @@ def _table(conditions: Sequence[ConditionFigures]) -> list[str]:
                 f"{c.flat_by_truth} of {count}",
                 f"{c.missed}",
                 f"{100 * c.coverage_mean:.1f} %",
-                f"{1000.0 * c.height_max:.1f} mm",
+                f"{1e3 * c.height_max:.1f} mm",
                 f"{100 * c.overstretch_max:.1f} %",
             )
         )
