@@ -10,9 +10,9 @@ VENV ?= .venv-$(notdir $(PYTHON))
 endif
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
-BENCHMARKS := $(filter-out report,$(patsubst benchmarks/%.py,%,$(wildcard benchmarks/[a-z]*.py)))
+BENCHMARKS := $(shell sed -n 's/^    "\([a-z0-9_]*\)": .*/\1/p' benchmarks/harness/registry.py)
 
-.PHONY: help flatten test smoke lint type bench docs format clean
+.PHONY: help flatten test smoke lint type bench bench-check docs format clean
 
 help:
 	@echo "make flatten   flatten a crumpled towel in the simulated cell, live in the browser, and name the report"
@@ -20,6 +20,7 @@ help:
 	@echo "make smoke     a few minutes' tests: every module, every command, one plan, one loop"
 	@echo "make format    format and mend what ruff can"
 	@echo "make bench     run every benchmark and write docs/results (long; QUICK=1 for a smaller sample)"
+	@echo "make bench-check   check that every page in docs/results is that of its report"
 	@echo "make docs      build the site into out/docs, and run the lines that its pages print"
 	@echo "make clean     remove what was built (and .venv)"
 
@@ -28,7 +29,7 @@ flatten: $(VENV)/ready
 
 test: lint type
 	status=0; \
-	$(BIN)/pytest -m alone || status=1; \
+	$(BIN)/pytest -m "alone and not long" || status=1; \
 	$(BIN)/pytest -m "not alone" --numprocesses 2 --dist loadfile || status=1; \
 	exit $$status
 
@@ -45,12 +46,12 @@ type: TYPES = $(shell $(BIN)/python -c 'import sys; print(("pyproject.toml", "$(
 type: $(VENV)/ready
 	sed 's/"pydrake\.\*"/"pydrake.systems.*", "pydrake.common.value", "pydrake.common.yaml"/' \
 		pyproject.toml > $(VENV)/pyproject.toml
-	$(BIN)/mypy -p unwrinkle --config-file $(TYPES)
+	$(BIN)/mypy -p unwrinkle -p benchmarks -p tests.robustness --config-file $(TYPES)
 
 bench: $(VENV)/ready
 	$(PIP) install --quiet --constraint constraints.txt --no-build-isolation --editable '.[bench]'
 	set -e; for name in $(BENCHMARKS); do \
-		$(BIN)/unwrinkle bench $$name $(if $(QUICK),--quick --json out/$$name.json, \
+		$(BIN)/python -m benchmarks $$name $(if $(QUICK),--quick --json out/$$name.json, \
 			--json docs/results/$$name.json --markdown docs/results/$$name.md); done
 
 # The site, offline; warnings are errors. Sphinx runs the notebook, pytest the printed lines of the pages.
@@ -58,6 +59,9 @@ docs: $(VENV)/docs-ready
 	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet -b html docs out/docs
 	$(BIN)/pytest docs
 	@echo "open out/docs/index.html"
+
+bench-check: $(VENV)/ready
+	$(BIN)/python -m benchmarks.harness.check docs/results
 
 format: $(VENV)/ready
 	$(BIN)/ruff check --fix .

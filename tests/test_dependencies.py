@@ -23,7 +23,9 @@ IMPORT_NAMES = {
 
 @pytest.fixture(scope="module")
 def graph() -> grimp.ImportGraph:
-    return grimp.build_graph("unwrinkle", include_external_packages=True, cache_dir=None)
+    return grimp.build_graph(
+        "unwrinkle", "benchmarks", include_external_packages=True, cache_dir=None
+    )
 
 
 def test_every_third_party_import_is_a_declared_dependency(
@@ -39,17 +41,40 @@ def test_every_third_party_import_is_a_declared_dependency(
     assert used - set(sys.stdlib_module_names) <= declared
 
 
+#: Test folders that may import the benchmarks: their own tests, and the page of the faults.
+BENCHMARK_TESTS = {"benchmarks", "robustness"}
+
+
+def test_no_other_test_imports_the_benchmarks(repository: Path) -> None:
+    tests = repository / "tests"
+    importing = {
+        path.relative_to(tests).parts[0]
+        for path in tests.rglob("*.py")
+        if re.search(r"^\s*(from|import) benchmarks\b", path.read_text("utf-8"), re.MULTILINE)
+    }
+    assert importing <= BENCHMARK_TESTS
+
+
 #: Folders of the package; each folder in them is a room.
-FOLDERS = ("flattening", "hardware", "models", "perception", "planning", "simulation", "systems")
+FOLDERS = (
+    "benchmarks",
+    "flattening",
+    "hardware",
+    "models",
+    "perception",
+    "planning",
+    "simulation",
+    "systems",
+)
 
 
 def test_no_room_is_wider_than_fifteen_files(repository: Path) -> None:
     rooms = [
         room
-        for folder in (*FOLDERS, "unwrinkle")
+        for folder in (*FOLDERS, "unwrinkle", "tests/robustness")
         for room in [repository / folder, *(repository / folder).rglob("*/")]
         if room.name != "__pycache__" and not any(p.is_symlink() for p in [room, *room.parents])
     ]
-    widths = {room.name: len(list(room.glob("*.py"))) for room in rooms}
+    widths = {room: len(list(room.glob("*.py"))) for room in rooms}
     assert len(rooms) > 40
     assert {name: width for name, width in widths.items() if width > 15} == {}

@@ -12,7 +12,6 @@ import pytest
 
 # The folder in the repository of each subpackage; everything in it belongs to the wheel.
 FOLDERS = [
-    "benchmarks",
     "flattening",
     "hardware",
     "models",
@@ -86,6 +85,11 @@ def test_wheel_holds_every_source_file(wheel: Path, repository: Path) -> None:
     assert found == expected
 
 
+def test_wheel_holds_no_benchmark(wheel: Path) -> None:
+    names = zipfile.ZipFile(wheel).namelist()
+    assert not [name for name in names if "benchmark" in name or "robustness" in name]
+
+
 def test_wheel_carries_the_licence(wheel: Path) -> None:
     names = zipfile.ZipFile(wheel).namelist()
     assert any(name.endswith(".dist-info/licenses/LICENSE") for name in names)
@@ -101,11 +105,17 @@ def test_subpackage_is_imported_from_the_wheel(
     assert Path(origin.strip()).is_relative_to(environment)
 
 
-@pytest.mark.parametrize("folder", [f for f in FOLDERS if f != "unwrinkle"])
+@pytest.mark.parametrize("folder", ["benchmarks", *(f for f in FOLDERS if f != "unwrinkle")])
 def test_folder_is_no_top_level_package(folder: str, environment: Path, tmp_path: Path) -> None:
     result = _run(environment / "bin" / "python", "-c", f"import {folder}", cwd=tmp_path)
     assert result.returncode == 1
     assert f"No module named '{folder}'" in result.stderr
+
+
+def test_installed_command_says_where_the_benchmarks_are(environment: Path, tmp_path: Path) -> None:
+    result = _run(environment / "bin" / "unwrinkle", "bench", "plans", cwd=tmp_path)
+    assert result.returncode == 2
+    assert "checkout" in result.stderr
 
 
 def test_installed_command_runs(environment: Path, tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ import pytest
 
 import unwrinkle as uw
 from unwrinkle import cli
-from unwrinkle.benchmarks._faults_station import Script, run_loop
 from unwrinkle.flattening.execution import executor
 from unwrinkle.flattening.flattener import Choice, NoChoice, choose
 from unwrinkle.flattening.observation import GarmentFeatures, WrinkleFeatures
@@ -19,6 +18,7 @@ from unwrinkle.flattening.policy import PolicyState
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.scenario import LoopSettings, load_scenario
 from unwrinkle.perception.target import NoTarget
+from unwrinkle.testing.scripted_station import Script, run_loop
 
 TOWEL = uw.model_file("captures/towel.npz")
 

@@ -5,12 +5,12 @@ import dataclasses as dc
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.flattening.observation import GarmentFeatures, Observation, WrinkleFeatures
 from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.wrinkles.analysis import analyse
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
+from unwrinkle.testing.table import TABLE
 
 
 def test_a_ridge_that_rises_towards_the_rim_is_as_high_as_at_its_highest():

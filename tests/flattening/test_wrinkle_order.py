@@ -5,7 +5,6 @@ import dataclasses as dc
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.flattening.observation import Observation, WrinkleFeatures
 from unwrinkle.flattening.policy import (
     GarmentFeatures,
@@ -20,6 +19,7 @@ from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.wrinkles.analysis import analyse
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
+from unwrinkle.testing.table import TABLE
 
 # Each is first in one order: volume, pull, height, length, together.
 SEEN = tuple(

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.table import Table
 from unwrinkle.models.transforms import turn
+from unwrinkle.testing.table import TABLE
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ def make_target() -> TargetMaker:
     """Targets: centre (x, y), wrinkle direction phi from the robot's forward (-y), half distance,
     pull, contour errors.
     """
-    from unwrinkle.benchmarks._plan_tasks import flattening_task
+    from unwrinkle.testing.targets import flattening_task
 
     def make(
         centre: tuple[float, float] = (0.0, -1.10),

@@ -13,7 +13,6 @@ import pytest
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 
-from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.flattening.station_messages import (
     ControllerStatus,
     GripperCommand,
@@ -35,6 +34,7 @@ from unwrinkle.simulation.cloth.outlines import outline
 from unwrinkle.site.virtual_equipment import VirtualEquipment
 from unwrinkle.systems.station.base import Station
 from unwrinkle.systems.station.factory import make_station
+from unwrinkle.testing.table import TABLE
 
 
 class Bench:

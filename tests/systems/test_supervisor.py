@@ -1,9 +1,7 @@
 """The supervisor with a fake station and scripted observations, plans and verdicts."""
 
 import dataclasses as dc
-import math
 from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,76 +13,25 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from unwrinkle.flattening import station_messages
 from unwrinkle.flattening.execution.state import Phase
 from unwrinkle.flattening.messages import Analysed, Perceived, Planned, PlanRequest, Verified
-from unwrinkle.flattening.observation import GarmentFeatures, WrinkleFeatures
 from unwrinkle.flattening.state import SupervisorState
 from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import LoopSettings, load_scenario
 from unwrinkle.perception.stereo.head_file import nominal_calibration
-from unwrinkle.perception.target import FlatteningTarget, HandTarget, NoTarget
-from unwrinkle.planning.plan import GripperEvent, Segment
-from unwrinkle.planning.trajectory import Trajectory
+from unwrinkle.perception.target import NoTarget
+from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.systems.supervisor import FlatteningSupervisorSystem
+from unwrinkle.testing.observations import TOWEL_CENTRE, SeenWrinkle, flat_towel_map, observation_of
+from unwrinkle.testing.plans import result_of, short_plan, verdict_of
 
 HOME = np.linspace(-0.3, 0.4, 13)
-BIG = (0.10, 12.0, 0.020, 0.012)  # place, volume score, pull, height
-SMALL = (-0.10, 10.0, 0.008, 0.006)
-GONE = (0.10, 6.0, 0.001, 0.001)
+BIG = SeenWrinkle(0.10, 12.0, 0.020, 0.012)
+SMALL = SeenWrinkle(-0.10, 10.0, 0.008, 0.006)
+GONE = SeenWrinkle(0.10, 6.0, 0.001, 0.001)
 
 
-def trajectory(first: float, last: float) -> Trajectory:
-    share = np.linspace(0.0, 1.0, 6)[:, None]
-    smooth, slope = 3 * share**2 - 2 * share**3, 6 * share * (1 - share) / 0.5
-    positions = HOME + first + (last - first) * smooth * np.ones(13)
-    return Trajectory(0.5 * share[:, 0], positions, (last - first) * slope * np.ones(13))
-
-
-def plan_of(name: str) -> Any:
-    """Return a fake plan with the attributes that execution uses."""
-    names = ("approach", "pull", "release")
-    moves = [trajectory(0.0, 0.2), trajectory(0.2, 0.3), trajectory(0.3, 0.0)]
-    return SimpleNamespace(
-        content_hash=name,
-        segments=tuple(
-            Segment(segment, 0.0, move, closed, (), (0.0, 0.0))
-            for segment, move, closed in zip(
-                names, moves, ((False, False), (True, True), (False, False)), strict=True
-            )
-        ),
-        events=(GripperEvent(0.0, (True, True), 0.2), GripperEvent(0.0, (False, False), 0.2)),
-        arms=(object(), object()),
-    )
-
-
-def target_at(place: float) -> FlatteningTarget:
-    """Return a target whose wrinkle is at a place along x."""
-    along = np.array([1.0, 0.0])
-    hands = tuple(
-        HandTarget(
-            np.array([place + side, -1.1, 0.7]), -along * side / 0.2, along * side / 0.2, 0.02
-        )
-        for side in (-0.2, 0.2)
-    )
-    return FlatteningTarget(hands, np.array([place, -1.1, 0.7]), np.array([0.0, 1.0]), 0.4, "foot")
-
-
-def observation_of(wrinkles: tuple[tuple[float, float, float, float], ...]) -> Any:
-    """Return a fake observation with the attributes that the supervisor uses."""
-    seen = tuple(
-        WrinkleFeatures(index, (place, -1.1), 0.0, math.exp(score), pull, height, 0.1, 1.0)
-        for index, (place, score, pull, height) in enumerate(wrinkles)
-    )
-    range_map = SimpleNamespace(
-        garment=np.ones((3, 3), dtype=bool),
-        table_height=0.7,
-        world_from_cell=lambda cells: np.array([0.05, -1.15]),
-    )
-    targets = [target_at(place) for place, *_ in wrinkles]
-    analysis = SimpleNamespace(range_map=range_map, target_for=lambda index: targets[index])
-    return SimpleNamespace(
-        analysis=analysis,
-        features=GarmentFeatures(seen, 0.005, 0.0003),
-        garment=lambda wrinkle: None,
-    )
+def plan_of(number: int) -> FlatteningPlan:
+    """Return the plan for a request of that number."""
+    return short_plan(HOME, f"plan {number}")
 
 
 @dc.dataclass
@@ -208,14 +155,14 @@ class FakeStation(LeafSystem):
         """Return the index of the requested wrinkle; -1 before the first request."""
         if isinstance(request.target, NoTarget):
             return -1
-        places = [float(target_at(place).p_WC[0]) for place in (BIG[0], SMALL[0])]
+        places = [float(each.target.p_WC[0]) for each in (BIG, SMALL)]
         return places.index(float(request.target.p_WC[0]))
 
     def perceive(self, world: World) -> Perceived:
         sight = self.sight(world)
         if isinstance(sight, str):
             return Perceived(world.exposed, None, sight, empty="empty" in sight)
-        return Perceived(world.exposed, observation_of(sight).analysis.range_map)
+        return Perceived(world.exposed, flat_towel_map())
 
     def analyse(self, world: World) -> Analysed:
         return Analysed(world.exposed, observation_of(self.sight(world)))
@@ -227,16 +174,14 @@ class FakeStation(LeafSystem):
             self.script.asked.append(key)
         if key in self.script.planless:
             return Planned(request.number, None, f"no {request.arms}-arm motion", request=request)
-        result: Any = SimpleNamespace(plan=plan_of(f"plan {request.number}"))
-        return Planned(request.number, result, request=request)
+        return Planned(request.number, result_of(plan_of(request.number)), request=request)
 
     def verify(self, context: Any) -> Verified:
         request = self.GetInputPort("request").Eval(context)
-        of = self.script.verdict_of or f"plan {request.number}"
-        passed = (self.wrinkle(request), request.arms) not in self.script.unsafe
-        violations = () if passed else (SimpleNamespace(message="too near"),)
-        verdict: Any = SimpleNamespace(passed=passed, plan_hash=of, violations=violations)
-        return Verified(request.number, of, verdict)
+        of = self.script.verdict_of or plan_of(request.number).content_hash
+        unsafe = (self.wrinkle(request), request.arms) in self.script.unsafe
+        problems = ("too near",) if unsafe else ()
+        return Verified(request.number, of, verdict_of(of, *problems))
 
 
 class Run:
@@ -295,7 +240,7 @@ def test_one_action_makes_it_flat() -> None:
     assert [step.name for step in steps] == ["approach", "close", "pull", "open", "release"]
     assert all(step.finished - step.sent >= 0.2 for step in steps)
     assert end.finished.verified is not None and end.finished.planned is not None
-    assert end.centre == (0.05, -1.15, 0.7)
+    assert end.centre == pytest.approx((*TOWEL_CENTRE, 0.7), abs=1e-3)
 
 
 def test_flat_at_once_moves_nothing() -> None:
@@ -306,7 +251,8 @@ def test_flat_at_once_moves_nothing() -> None:
 
 
 def test_a_high_wrinkle_with_a_small_pull_is_pulled() -> None:
-    run = Run(Script((((0.1, 8.0, 0.002, 0.006),), (GONE,))))
+    high = SeenWrinkle(0.1, 8.0, 0.002, 0.006)
+    run = Run(Script(((high,), (GONE,))))
     assert run.until().policy_state.actions == 1
 
 
@@ -380,7 +326,7 @@ def test_actions_that_change_nothing_escalate_and_end() -> None:
 
 
 def test_action_limit() -> None:
-    sights = tuple(((0.1, 12.0 - k, 0.02, 0.01),) for k in range(5))
+    sights = tuple((SeenWrinkle(0.1, 12.0 - k, 0.02, 0.01),) for k in range(5))
     end = Run(Script(sights), actions=3).until()
     assert end.status == "stopped" and end.policy_state.actions == 3
     assert "not flat after 3 actions" in end.reason

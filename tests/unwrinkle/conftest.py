@@ -11,7 +11,6 @@ import pytest
 from numpy.typing import NDArray
 
 from unwrinkle import cli
-from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.flattening.flattener import Choice, NoChoice, choose
 from unwrinkle.flattening.observation import Observation
 from unwrinkle.flattening.policy import PolicyState
@@ -46,6 +45,7 @@ from unwrinkle.simulation.rendering.synthetic_towel import (
     overhead_pose,
     wrinkled_towel,
 )
+from unwrinkle.testing.table import TABLE
 from unwrinkle.viewer.playback import Playback
 
 RIGHT, LEFT = ArmChoice(1, 0.1, 0.8, 1.0), ArmChoice(0, -0.1, 0.9, 0.5)

@@ -1,18 +1,14 @@
-"""``unwrinkle bench``: run one benchmark, print its table, save its results."""
+"""``unwrinkle bench``: run one benchmark of a checkout, print its table, save its results."""
 
 import importlib
-import pkgutil
 import sys
-import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from types import ModuleType
+from typing import Annotated
 
 import typer
 
 from unwrinkle.models.errors import InputError
-
-if TYPE_CHECKING:
-    from unwrinkle.benchmarks.report import Benchmark
 
 EXAMPLES = (
     "unwrinkle bench plans --quick",
@@ -26,62 +22,50 @@ def bench(
         bool, typer.Option("--quick", help="Run a smaller sample, in minutes.")
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
+    from_json: Annotated[
+        Path | None,
+        typer.Option(help="Run nothing; take the report of an earlier run from this file."),
+    ] = None,
     json: Annotated[Path | None, typer.Option(help="Write the whole report to this file.")] = None,
-    markdown: Annotated[Path | None, typer.Option(help="Write the table to this file.")] = None,
+    markdown: Annotated[
+        Path | None, typer.Option(help="Write the page to this file, and its figure beside it.")
+    ] = None,
 ) -> None:
-    """Run a benchmark and print its table."""
-    from rich.console import Console
-    from rich.progress import Progress, TimeElapsedColumn
+    """Run a benchmark of a checkout, and print its table.
 
-    from unwrinkle.benchmarks import report as reports
-    from unwrinkle.models.io.files import write_json, write_text
-
-    benchmark = _find(name)
-    with Progress(
-        *Progress.get_default_columns(),
-        TimeElapsedColumn(),
-        console=Console(stderr=True),
-        transient=True,
-    ) as bars:
-        task = bars.add_task(name, total=None)
-
-        def progress(done: int, total: int, stage: str) -> None:
-            bars.update(task, description=stage, completed=done, total=total)
-
-        start = time.perf_counter()
-        results = benchmark.run(quick=quick, seed=seed, progress=progress)
-        duration = time.perf_counter() - start
-
-    report = reports.report(name, results, quick=quick, seed=seed, duration=duration)
-    page = reports.markdown(report, benchmark.table(results))
-    sys.stdout.write(page)
-    if json is not None:
-        write_json(json, report)
-    if markdown is not None:
-        write_text(markdown, page)
-        plot = getattr(benchmark, "plot", None)  # some benchmarks draw a figure beside their table
-        if plot is not None:
-            plot(results, markdown.with_suffix(".png"))
-
-
-def benchmark_names() -> list[str]:
-    """Return the names that `unwrinkle bench` accepts.
-
-    They are the public modules of `unwrinkle.benchmarks`.
+    The benchmarks are no part of the installed package: run the command in a checkout of the
+    sources, or from an editable install of one. `python -m benchmarks NAME` does the same there.
     """
-    from unwrinkle import benchmarks
+    _command().run_benchmark(
+        name, quick=quick, seed=seed, kept=from_json, json=json, markdown=markdown
+    )
 
-    names = [module.name for module in pkgutil.iter_modules(benchmarks.__path__)]
-    return sorted(name for name in names if name != "report" and not name.startswith("_"))
 
-
-def _find(name: str) -> "Benchmark":
-    """Import the benchmark `name`.
+def _command() -> ModuleType:
+    """Import the benchmarks' command from the checkout.
 
     Raises:
-        InputError: there is no benchmark of that name.
+        InputError: there is no checkout, or its benchmarks lack a library.
     """
-    names = benchmark_names()
-    if name not in names:
-        raise InputError(f"there is no benchmark {name!r}; known are {', '.join(names)}")
-    return cast("Benchmark", importlib.import_module(f"unwrinkle.benchmarks.{name}"))
+    root = checkout()
+    if root is None:
+        raise InputError(
+            "the benchmarks are no part of the installed package; "
+            "run the command in a checkout of the sources"
+        )
+    if str(root) not in sys.path:
+        sys.path.append(str(root))
+    try:
+        return importlib.import_module("benchmarks.harness.command")
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"the benchmarks need {error.name}; install their libraries: pip install -e '.[bench]'"
+        ) from error
+
+
+def checkout() -> Path | None:
+    """Return the checkout that this package is run from, or the one in the current folder."""
+    for root in (Path(__file__).resolve().parents[2], Path.cwd()):
+        if (root / "benchmarks" / "harness" / "command.py").is_file():
+            return root
+    return None

@@ -240,9 +240,9 @@ def test_derivatives_of_the_path_fit(make_trajectory: TrajectoryMaker) -> None:
 def test_a_hold_anywhere_in_a_real_plan_is_short(
     stream_limits: StreamLimits, rate: float, longest: float
 ) -> None:
-    from unwrinkle.benchmarks._plan_tasks import flattening_task
     from unwrinkle.models.robot import load_cell
     from unwrinkle.planning.search.planner import FlatteningPlanner
+    from unwrinkle.testing.targets import flattening_task
 
     plan = FlatteningPlanner(load_cell()).plan(flattening_task((0.0, -1.10), 0.4)).plan
     assert plan is not None
@@ -297,11 +297,11 @@ def test_rates_just_below_one_are_run_a_little_slower(
 @pytest.mark.slow
 @pytest.mark.parametrize("speed", [1.0, 0.2, 0.1])
 def test_limits_of_a_real_plan_are_kept_through_holds_and_resumes(speed: float) -> None:
-    from unwrinkle.benchmarks._plan_tasks import flattening_task
     from unwrinkle.models.robot import load_cell
     from unwrinkle.models.scenario import load_scenario
     from unwrinkle.planning.search.planner import FlatteningPlanner
     from unwrinkle.planning.sent_samples import as_sent
+    from unwrinkle.testing.targets import flattening_task
 
     scenario = load_scenario()
     scenario.speed = speed

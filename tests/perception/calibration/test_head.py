@@ -6,9 +6,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._calibration_scene import true_head
-from unwrinkle.benchmarks.calibration import _BOARD as BOARD
-from unwrinkle.benchmarks.calibration import _Looks, corners_of
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.transforms import inverse
 from unwrinkle.perception.calibration.hand_eye import angle_between
@@ -16,6 +13,7 @@ from unwrinkle.perception.calibration.head import HeadFit, HeadView, calibrate_h
 from unwrinkle.perception.calibration.stereo import StereoCalibration, calibrate_stereo
 from unwrinkle.perception.stereo.head import Eye, Gaze, StereoHead
 from unwrinkle.perception.stereo.head_file import nominal_calibration
+from unwrinkle.testing.calibration_scene import BOARD, BoardScene, corners_of, true_head
 
 NOMINAL = nominal_calibration()
 
@@ -33,7 +31,7 @@ class Case:
 def case() -> Case:
     rng = np.random.default_rng(3)
     truth = true_head(NOMINAL.stereo_head(), rng)
-    scene = _Looks(truth, corners_of(truth, BOARD, 0.04, rng), rng, 16, 18)
+    scene = BoardScene(truth, corners_of(truth, BOARD, 0.04, rng), rng, 16, 18)
     stereo = calibrate_stereo(scene.pairs(), BOARD).calibration
     looks = [
         HeadView(f"look {k}", gaze, *scene.eyes(scene.fixed, truth.poses(gaze)))
@@ -114,7 +112,7 @@ def _check_close(case: Case, fit: HeadFit) -> None:
 def test_a_board_moved_between_the_looks(case: Case) -> None:
     """Two places: the second group is of the stereo views' kind, but at a known gaze."""
     rng = np.random.default_rng(4)
-    scene = _Looks(case.truth, corners_of(case.truth, BOARD, 0.04, rng), rng, 1, 18)
+    scene = BoardScene(case.truth, corners_of(case.truth, BOARD, 0.04, rng), rng, 1, 18)
     poses = case.truth.poses(scene.stage)
     pair = scene.eyes(scene.places[0], poses)
     looks = [*case.looks, HeadView("elsewhere", scene.stage, *pair, "elsewhere")]
@@ -190,7 +188,7 @@ def test_repeatability_of_the_units_is_reckoned_with(case: Case) -> None:
     """Units that come to rest a quarter of a step off, unknown to whoever reads their angles."""
     rng = np.random.default_rng(5)
     off = 0.25 * case.truth.left.unit.step
-    scene = _Looks(case.truth, corners_of(case.truth, BOARD, 0.04, rng), rng, 1, 18)
+    scene = BoardScene(case.truth, corners_of(case.truth, BOARD, 0.04, rng), rng, 1, 18)
     looks = []
     for k, gaze in enumerate(scene.gazes):
         true = Gaze(*(np.array([*gaze.left, *gaze.right]) + off * rng.standard_normal(4)))

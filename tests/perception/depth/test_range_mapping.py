@@ -6,12 +6,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import GARMENT_CENTRE, TABLE
 from unwrinkle.models.errors import InputError, NoGarmentError
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.range_mapping import Capture, load_capture, range_map_from_capture
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel, capture_of, overhead_pose
+from unwrinkle.testing.table import GARMENT_CENTRE, TABLE
 
 CAMERA = Camera("c", 640, 512, 900.0, 900.0, 319.5, 255.5, sensor="stereo")
 TOWEL = Towel(

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.stereo.pair import StereoPair
 from unwrinkle.perception.stereo.range_mapping import range_map_from_pair
+from unwrinkle.testing.table import TABLE
 
 STEP = 0.00022439959992278893
 

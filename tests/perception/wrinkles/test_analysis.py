@@ -4,17 +4,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import GARMENT_CENTRE, TABLE
-from unwrinkle.benchmarks.analysis import (
-    SENSORS,
-    angle_between,
-    compare,
-    crossed_towel,
-    crossing_separated,
-    flat_map,
-    map_of,
-    ridged_towel,
-)
 from unwrinkle.flattening.flattener import Choice, NoChoice, choose
 from unwrinkle.flattening.observation import Observation
 from unwrinkle.flattening.policy import PolicyState, Stop, decide
@@ -25,6 +14,17 @@ from unwrinkle.perception.sensor import noise_profile
 from unwrinkle.perception.target import NoTarget
 from unwrinkle.perception.wrinkles.analysis import analyse
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
+from unwrinkle.testing.table import GARMENT_CENTRE, TABLE
+from unwrinkle.testing.towels import (
+    SENSORS,
+    angle_between,
+    compare,
+    crossed_towel,
+    crossing_separated,
+    flat_map,
+    map_of,
+    ridged_towel,
+)
 
 UC3M = (
     "20150625_2__dishcloth01_1",
@@ -64,11 +64,11 @@ def analysed(path):
 def test_several_gaussian_ridges(seed):
     towel = ridged_towel(seed)
     outcome = compare(towel, analyse(map_of(towel, 0.0005, seed=seed), table=TABLE))
-    assert outcome["missed"] == outcome["extra"] == 0
-    assert max(outcome["width"]) < 0.0003
-    assert max(outcome["chord_height"]) < 0.0003
-    assert max(outcome["direction"]) < np.radians(1.0)
-    assert outcome["ranking_kept"]
+    assert outcome.missed == outcome.extra == 0
+    assert max(outcome.width) < 0.0003
+    assert max(outcome.chord_height) < 0.0003
+    assert max(outcome.direction) < np.radians(1.0)
+    assert outcome.ranking_kept
 
 
 @pytest.mark.parametrize("seed", [0, 4, 17, 44])

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks.analysis import angle_between, map_of
 from unwrinkle.perception.sensor import noise_profile
 from unwrinkle.perception.wrinkles.ridges import contour_points, link, ridge_points
 from unwrinkle.perception.wrinkles.surface import fit_surface, sample
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
+from unwrinkle.testing.towels import angle_between, map_of
 
 CENTRE = (0.0, -1.1)
 PROFILE = noise_profile("stereo")

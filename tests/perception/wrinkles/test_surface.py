@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from unwrinkle.benchmarks.analysis import map_of
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import noise_profile
@@ -31,6 +30,7 @@ from unwrinkle.perception.wrinkles.surface import (
     spread,
 )
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
+from unwrinkle.testing.towels import map_of
 
 curvature = st.floats(-100.0, 100.0)
 

@@ -4,8 +4,6 @@ import math
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import TABLE
-from unwrinkle.benchmarks.analysis import flat_map, map_of
 from unwrinkle.models.choices import PullReading
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.table import Table
@@ -26,6 +24,8 @@ from unwrinkle.perception.wrinkles.targeting import (
     section_start,
 )
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
+from unwrinkle.testing.table import TABLE
+from unwrinkle.testing.towels import flat_map, map_of
 
 CENTRE = (0.0, -1.1)
 

@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from unwrinkle.benchmarks._data import TABLE
-from unwrinkle.benchmarks.analysis import flat_map, map_of
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import noise_profile
 from unwrinkle.perception.wrinkles.analysis import analyse
 from unwrinkle.perception.wrinkles.wrinkle import PULL_COEFFICIENT, triplet_height, volume_score
 from unwrinkle.simulation.rendering.synthetic_towel import Ridge, Towel
+from unwrinkle.testing.table import TABLE
+from unwrinkle.testing.towels import flat_map, map_of
 
 CENTRE = (0.0, -1.1)
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import GARMENT_CENTRE, TABLE
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.loader_yaml import models_dir
 from unwrinkle.perception.depth.range_mapping import load_capture, range_map_from_capture
@@ -12,6 +11,7 @@ from unwrinkle.perception.wrinkles.surface import fit_surface
 from unwrinkle.perception.wrinkles.wrinkledness import normal_bins, window_entropy, wrinkledness
 from unwrinkle.simulation.rendering.shipped_captures import SEED
 from unwrinkle.simulation.rendering.synthetic_towel import wrinkled_towel
+from unwrinkle.testing.table import GARMENT_CENTRE, TABLE
 
 
 def _brute(zx: np.ndarray, zy: np.ndarray, inside: np.ndarray, row: int, column: int) -> float:

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from unwrinkle.benchmarks._drake_ik import DrakeInverseKinematics
 from unwrinkle.models.robot import build_robot_diagram, load_cell, position_indices
 from unwrinkle.planning.robot.kinematics import Kinematics
 from unwrinkle.planning.search.key_poses import (
@@ -18,6 +17,7 @@ from unwrinkle.planning.search.key_poses import (
     tool_rotation,
 )
 from unwrinkle.planning.search.settings import NORMAL_STROKE
+from unwrinkle.testing.drake_ik import DrakeInverseKinematics
 
 KINEMATICS = Kinematics(load_cell())
 ANGLES = st.lists(st.floats(0.0, 1.0), min_size=6, max_size=6)

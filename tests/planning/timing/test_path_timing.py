@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
-from unwrinkle.benchmarks._toppra_bound import jerk_free_line_time, jerk_free_time
 from unwrinkle.models.errors import InputError, NoVerifiedPlanError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.planning.sent_samples import as_sent
@@ -15,6 +14,7 @@ from unwrinkle.planning.timing.path_timing import time_paths
 from unwrinkle.planning.timing.sampling import sampling_period, sent_ratios
 from unwrinkle.planning.timing.straight_lines import time_line
 from unwrinkle.planning.trajectory import Trajectory
+from unwrinkle.testing.toppra_bound import jerk_free_line_time, jerk_free_time
 
 LIMITS = load_cell().limits
 FULL = PathLimits(LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk)

@@ -8,7 +8,6 @@ import dataclasses as dc
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._plan_tasks import tasks
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.scenario import Scenario, Smoothing, load_scenario
@@ -21,6 +20,7 @@ from unwrinkle.planning.timing.sampling import sent_ratios
 from unwrinkle.planning.timing.straight_lines import time_line
 from unwrinkle.planning.timing.toppra_profile import time_optimal_profile
 from unwrinkle.planning.verification.verifier import verify
+from unwrinkle.testing.targets import tasks
 
 LIMITS = load_cell().limits
 FULL = PathLimits(LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk)

@@ -5,8 +5,6 @@ import dataclasses as dc
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._plan_tasks import flattening_task
-from unwrinkle.benchmarks._toppra_bound import jerk_free_line_time
 from unwrinkle.models.robot import load_cell
 from unwrinkle.planning.search.planner import FlatteningPlanner
 from unwrinkle.planning.search.settings import PlannerSettings
@@ -17,6 +15,8 @@ from unwrinkle.planning.timing.toppra_profile import (
     deciding_limit,
     time_optimal_profile,
 )
+from unwrinkle.testing.targets import flattening_task
+from unwrinkle.testing.toppra_bound import jerk_free_line_time
 
 LIMITS = load_cell().limits
 FULL = PathLimits(LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk)

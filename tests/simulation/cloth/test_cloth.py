@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.table import Table
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothError, ClothState
 from unwrinkle.simulation.cloth.fingers import carry, let_go, take
 from unwrinkle.simulation.cloth.outlines import Outline, outline
+from unwrinkle.testing.table import TABLE
 
 CENTRE = (0.0, -1.1)
 

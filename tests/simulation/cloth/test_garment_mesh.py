@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.camera import Camera
@@ -14,6 +13,7 @@ from unwrinkle.simulation.rendering.meshes import TexturedMesh, rectangle_mesh
 from unwrinkle.simulation.rendering.renderer import Renderer
 from unwrinkle.simulation.rendering.synthetic_towel import overhead_pose
 from unwrinkle.simulation.rendering.textures import uniform
+from unwrinkle.testing.table import TABLE
 
 SPACING, THICKNESS = 0.01, 0.0025
 CAMERA = Camera("c", 320, 240, 500.0, 500.0, 160.0, 120.0)

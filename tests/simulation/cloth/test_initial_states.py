@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import STARTS
@@ -14,6 +13,7 @@ from unwrinkle.simulation.cloth.fingers import carry, let_go, take
 from unwrinkle.simulation.cloth.initial_states import bunched, dropped, ridge, start_state
 from unwrinkle.simulation.cloth.measures import coverage, largest_height, measure, overstretch
 from unwrinkle.simulation.cloth.outlines import outline
+from unwrinkle.testing.table import TABLE
 
 CENTRE = (0.0, -1.1)
 

@@ -6,7 +6,6 @@ import json
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.cloth import load_material
 from unwrinkle.models.errors import InputError
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
@@ -18,6 +17,7 @@ from unwrinkle.simulation.cloth.measures import (
     overstretch,
 )
 from unwrinkle.simulation.cloth.outlines import outline
+from unwrinkle.testing.table import TABLE
 
 
 @pytest.fixture(scope="module")

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.camera import Camera
 from unwrinkle.simulation.rendering.boards import charuco_board, chessboard
 from unwrinkle.simulation.rendering.image_noise import SensorModel, oversized, photograph
 from unwrinkle.simulation.rendering.renderer import Renderer
+from unwrinkle.testing.table import TABLE
 
 CAMERA = Camera("c", 800, 600, 1600.0, 1590.0, 391.2, 305.7, [-0.08, 0.3, 0.001, -0.0005])
 MIDDLE = np.array([0.0, -1.15, 0.95])

@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.camera import Camera
 from unwrinkle.simulation.rendering.image_noise import (
@@ -22,6 +21,7 @@ from unwrinkle.simulation.rendering.image_noise import (
 )
 from unwrinkle.simulation.rendering.renderer import Renderer
 from unwrinkle.simulation.rendering.synthetic_towel import overhead_pose
+from unwrinkle.testing.table import TABLE
 
 PLAIN = Camera("p", 320, 240, 500.0, 490.0, 155.3, 124.6)
 BENT = dc.replace(PLAIN, distortion=[-0.21, 0.15, 0.002, -0.001, 0.02])

@@ -6,13 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.transforms import inverse, transformed
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.stereo.head import Gaze, StereoHead
 from unwrinkle.perception.stereo.head_file import nominal_head
 from unwrinkle.simulation.rendering.renderer import Renderer
+from unwrinkle.testing.table import TABLE
 
 CENTRE = np.array([0.0, -1.2, 0.70])
 

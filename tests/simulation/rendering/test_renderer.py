@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.perception.camera import Camera
@@ -15,6 +14,7 @@ from unwrinkle.simulation.rendering.meshes import height_field_mesh, rectangle_m
 from unwrinkle.simulation.rendering.renderer import Light, Renderer, drake_camera
 from unwrinkle.simulation.rendering.synthetic_towel import overhead_pose
 from unwrinkle.simulation.rendering.textures import cloth, uniform
+from unwrinkle.testing.table import TABLE
 
 CAMERA = Camera("c", 480, 360, 900.0, 880.0, 231.4, 187.2)
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._data import GARMENT_CENTRE, TABLE
 from unwrinkle.models.io.loader_yaml import models_dir
 from unwrinkle.perception.camera import Camera
 from unwrinkle.perception.depth.range_mapping import load_capture, range_map_from_capture
@@ -17,6 +16,7 @@ from unwrinkle.simulation.rendering.synthetic_towel import (
     sensor_noise,
     wrinkled_towel,
 )
+from unwrinkle.testing.table import GARMENT_CENTRE, TABLE
 
 SHIPPED = models_dir() / "captures" / "towel.npz"
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from pydrake.common.value import Value
 
-from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.flattening.messages import Perceived
 from unwrinkle.flattening.station_messages import DepthImage
 from unwrinkle.models.cloth import load_material
@@ -15,6 +14,7 @@ from unwrinkle.models.scenario import load_scenario, with_sensor
 from unwrinkle.simulation.cloth.cloth import Cloth, ClothState
 from unwrinkle.simulation.cloth.outlines import outline
 from unwrinkle.systems.perception.ground_truth import TruePerceptionSystem
+from unwrinkle.testing.table import TABLE
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,6 @@ from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, State
 
-from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.flattening.station_messages import (
     GripperCommand,
     HeadCommand,
@@ -30,6 +29,7 @@ from unwrinkle.simulation.rendering.image_noise import SensorModel
 from unwrinkle.systems.station.head import ACCELERATION
 from unwrinkle.systems.station.photographer import CellPhotographer, CellPosture, averaged, noisier
 from unwrinkle.systems.station.world import StationFaults
+from unwrinkle.testing.table import TABLE
 
 MakeBench = Callable[..., Any]
 

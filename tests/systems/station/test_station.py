@@ -40,7 +40,7 @@ TRUTH = ("truth.cloth", "truth.coverage", "truth.height", "truth.tips")
 
 @pytest.fixture(scope="module")
 def plan(station_cell: Cell) -> FlatteningPlan:
-    from unwrinkle.benchmarks._plan_tasks import flattening_task
+    from unwrinkle.testing.targets import flattening_task
 
     made = FlatteningPlanner(station_cell).plan(
         flattening_task((0.0, -1.1), 0.3, half=0.235, pull=0.02)

@@ -13,13 +13,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from unwrinkle import cli
-from unwrinkle.benchmarks._calibration_scene import (
-    board_places,
-    fixed_place,
-    gazes,
-    scaled_head,
-    true_head,
-)
 from unwrinkle.models.arrays import Pose
 from unwrinkle.models.io.loader_yaml import load_yaml
 from unwrinkle.models.transforms import PoseRecord, inverse, pose, transformed
@@ -29,6 +22,13 @@ from unwrinkle.perception.calibration.hand_eye import angle_between
 from unwrinkle.perception.camera import load_camera
 from unwrinkle.perception.stereo.head import StereoHead
 from unwrinkle.perception.stereo.head_file import load_calibration, nominal_head
+from unwrinkle.testing.calibration_scene import (
+    board_places,
+    fixed_place,
+    gazes,
+    scaled_head,
+    true_head,
+)
 
 BOARD = Board(6, 5, 0.07)
 OPTIONS = ("--board", "6x5", "--square", "0.07")

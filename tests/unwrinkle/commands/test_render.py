@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from unwrinkle import cli
-from unwrinkle.benchmarks._data import TABLE
 from unwrinkle.commands.render import truth_of
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.stereo.head_file import load_head_angles
 from unwrinkle.perception.stereo.pair import load_pair
 from unwrinkle.perception.stereo.range_mapping import range_map_from_pair
 from unwrinkle.simulation.rendering.synthetic_towel import wrinkled_towel
+from unwrinkle.testing.table import TABLE
 
 
 def _main(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:

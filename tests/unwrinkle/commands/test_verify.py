@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from unwrinkle import cli
-from unwrinkle.benchmarks._plan_tasks import flattening_task
 from unwrinkle.models.robot import load_cell
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.search.planner import FlatteningPlanner
+from unwrinkle.testing.targets import flattening_task
 
 pytestmark = pytest.mark.end_to_end
 

@@ -34,7 +34,7 @@ LONGEST = 60.0
 
 @pytest.fixture(scope="module")
 def plan_file(cell: Cell, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    from unwrinkle.benchmarks._plan_tasks import flattening_task
+    from unwrinkle.testing.targets import flattening_task
 
     result = FlatteningPlanner(cell).plan(flattening_task((0.0, -1.10), 0.2))
     assert result.plan is not None

@@ -48,7 +48,7 @@ class Grippers:
 
 @pytest.fixture(scope="module")
 def real_plan(cell: Cell) -> FlatteningPlan:
-    from unwrinkle.benchmarks._plan_tasks import flattening_task
+    from unwrinkle.testing.targets import flattening_task
 
     result = FlatteningPlanner(cell).plan(flattening_task((0.0, -1.10), 0.2))
     assert result.plan is not None

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 import unwrinkle as uw
-from unwrinkle.benchmarks._plan_tasks import flattening_task
 from unwrinkle.execution.robot import Robot
 from unwrinkle.hardware.controller_state import DriverState
 from unwrinkle.models.site import Site
+from unwrinkle.testing.targets import flattening_task
 
 pytestmark = [pytest.mark.alone, pytest.mark.end_to_end]
 

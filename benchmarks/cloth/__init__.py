@@ -1,0 +1,1 @@
+"""Benchmark `cloth`: the simulated cloth against closed forms."""

@@ -1,0 +1,1 @@
+"""What the benchmarks share: trials, results, reports, pages, figures, statistics."""

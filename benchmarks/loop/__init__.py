@@ -1,0 +1,1 @@
+"""Benchmark `loop`: whole runs of the closed loop."""

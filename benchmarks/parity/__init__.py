@@ -1,0 +1,1 @@
+"""Benchmark `parity`: one plan on three forms of the station."""

@@ -1,0 +1,1 @@
+"""Benchmark `depth_cameras`: the simulated depth cameras beside real maps."""

@@ -1,0 +1,1 @@
+"""Benchmark `gaze`: gaze, vergence and visual search in the rendered cell."""

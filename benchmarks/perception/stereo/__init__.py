@@ -1,0 +1,1 @@
+"""Benchmark `stereo`: 16-megapixel pairs to range maps."""

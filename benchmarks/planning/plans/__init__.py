@@ -1,0 +1,1 @@
+"""Benchmark `plans`: dual-arm plans on a fixed, seeded set of targets."""

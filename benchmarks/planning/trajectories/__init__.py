@@ -1,0 +1,1 @@
+"""Benchmark `trajectories`: ways to time a path under jerk limits."""

@@ -1,0 +1,1 @@
+"""Benchmark `garments`: four garments, the closed loop beside simpler policies."""

@@ -1,0 +1,1 @@
+"""Benchmark `grasps`: pinches at the point of highest wrinkledness."""

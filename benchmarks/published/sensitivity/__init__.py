@@ -1,0 +1,1 @@
+"""Benchmark `sensitivity`: the loop with one setting changed at a time."""

@@ -1,0 +1,1 @@
+"""The injections of the fault catalogue."""
