@@ -25,10 +25,10 @@ def _run(*command: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
 
 
 def _raise_in_bench(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
-    def find(name: str) -> None:
+    def command() -> None:
         raise error
 
-    monkeypatch.setattr("unwrinkle.commands.bench._find", find)
+    monkeypatch.setattr("unwrinkle.commands.bench._command", command)
 
 
 @pytest.mark.parametrize(
