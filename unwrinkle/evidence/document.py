@@ -4,7 +4,6 @@ import base64
 import io
 from pathlib import Path
 
-import jinja2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -16,6 +15,7 @@ from unwrinkle.evidence.swept import SweptSpace
 from unwrinkle.models.io.files import write_json, write_text
 from unwrinkle.models.robot import Cell
 from unwrinkle.site.sites import site_cell
+from unwrinkle.viewer.pages import filled_page
 
 PAGE = "evidence.html"
 RECORD = "evidence.json"
@@ -39,15 +39,10 @@ def write_evidence(evidence: Evidence, folder: str | Path) -> tuple[Path, Path]:
 
 def evidence_page(evidence: Evidence) -> str:
     """Return the page as text; it needs no other file and makes no request."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("unwrinkle.evidence", "."),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     share = evidence.speed
-    return environment.get_template(PAGE).render(
+    return filled_page(
+        "unwrinkle.evidence",
+        PAGE,
         e=evidence,
         data=evidence.to_json(),
         share=share,

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from unwrinkle.models.robot import Cell, load_cell
 from unwrinkle.models.scenario import load_scenario
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.viewer.overlay import closed_page
+from unwrinkle.viewer.pages import filled_page
 from unwrinkle.viewer.plan_shapes import target_shapes, wrinkle_shapes
 from unwrinkle.viewer.scene import CellScene, rgba, start_meshcat
 
@@ -28,12 +28,6 @@ _MARGIN = 1.0
 _MOVES = 1e-3
 #: Maximum number of listed events.
 _MOST_EVENTS = 40
-
-_PANEL = """
-<div style="position:fixed;left:12px;top:12px;max-width:24rem;max-height:92vh;overflow:auto;padding:.8rem 1rem;
-font:13px/1.4 system-ui,sans-serif;color:#1c2833;background:rgba(255,255,255,.92);border-radius:8px">
-<b>@@title@@</b>@@facts@@<table style="margin-top:.5rem;border-spacing:.4rem 0">@@rows@@</table></div>
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,16 +195,7 @@ def _panel(records: RunLogRecords, track: MeasuredTrack, heading: str) -> str:
     if records.cut:
         facts.append("the log is incomplete: the program ended without closing it")
     rows = [
-        f"<tr><td style='text-align:right;white-space:nowrap'>{event.time - track.begin:.2f} "
-        f"s</td><td>{escape(event.kind)}</td><td>{escape(event.text)}</td></tr>"
+        (f"{event.time - track.begin:.2f} s", event.kind, event.text)
         for event in records.events[-_MOST_EVENTS:]
     ]
-    parts = {
-        "title": escape(heading),
-        "facts": "".join(f"<div>{escape(fact)}</div>" for fact in facts),
-        "rows": "".join(rows),
-    }
-    panel = _PANEL
-    for key, value in parts.items():
-        panel = panel.replace(f"@@{key}@@", value)
-    return panel
+    return filled_page("unwrinkle.logs", "panel.html", title=heading, facts=facts, rows=rows)

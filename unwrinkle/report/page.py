@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from html import escape
-from importlib import resources
 from pathlib import Path
 from typing import Any
+
+from markupsafe import Markup
 
 from unwrinkle.models.io.files import write_text
 from unwrinkle.report.charts import Series, line_chart, stage_chart
@@ -17,6 +17,7 @@ from unwrinkle.report.pictures import (
 )
 from unwrinkle.runs.folder import RUNNING, RunFolder
 from unwrinkle.runs.look_folder import readable
+from unwrinkle.viewer.pages import filled_page
 
 PAGE = "report.html"
 #: Maximum number of listed events.
@@ -59,67 +60,65 @@ def report_page(run: RunFolder) -> str:
     maps = [look.range_map for look in looks if look.range_map is not None]
     window = readable(partial(Window.around, maps))
     top = top_height(maps)
-    body = [_summary(run, looks), _charts(looks)]
-    for k, look in enumerate(looks):
-        after = looks[k + 1] if k + 1 < len(looks) else None
-        body.append(look_card(look, after, window, top))
-    if not looks:
-        body.append(
-            "<section><h2>No look</h2><p>The run ended before the first look.</p></section>"
-        )
-    body.append(_details(run))
+    after = [*looks[1:], None]
     rows, columns = (3, 4) if window is None else window.shape
-    parts = {
-        "title": escape(f"Flattening run {run.path.resolve().name}"),
-        "aspect": f"{columns} / {rows}",
-        "ramp": ", ".join(RAMP),
-        "body": "\n".join(body),
-    }
-    page = resources.files("unwrinkle.report").joinpath("page.html").read_text(encoding="utf-8")
-    for key, value in parts.items():
-        page = page.replace(f"@@{key}@@", value)
-    return page
-
-
-def _summary(run: RunFolder, looks: Sequence[ReadLook]) -> str:
     kind, word = STATUS[run.status]
     reason = run.reason
     if run.status == RUNNING:
         reason = (
             "The run is still going on, or was killed; this is the present content of its folder."
         )
-    settings = run.settings
-    tiles = [
-        _tile(f"{sum(look.acted for look in looks)}", f"actions, of {settings.actions} at most"),
-        _change(
-            [_truth(look, "coverage") for look in looks], looks, "coverage", 100.0, " %", "coverage"
+    return filled_page(
+        "unwrinkle.report",
+        "page.html",
+        name=run.path.resolve().name,
+        kind=kind,
+        word=word,
+        reason=reason,
+        settings=run.settings,
+        what=_what(run),
+        real=_REAL.get(run.settings.station, ""),
+        tiles=_tiles(run, looks),
+        looks=looks,
+        charts=_charts(looks),
+        stages=_stages(looks),
+        cards=[
+            Markup(look_card(look, following, window, top))
+            for look, following in zip(looks, after, strict=False)
+        ],
+        facts=_run_facts(run),
+        events=run.events(),
+        most_events=_EVENTS,
+        ramp=RAMP,
+        rows=rows,
+        columns=columns,
+    )
+
+
+def _tiles(run: RunFolder, looks: Sequence[ReadLook]) -> list[tuple[str, str]]:
+    """Return the figures at the head of the page, each with its name."""
+    coverage = [_truth(look, "coverage") for look in looks]
+    heights = [_truth(look, "height") for look in looks]
+    return [
+        (
+            f"{sum(look.acted for look in looks)}",
+            f"actions, of {run.settings.actions} at most",
         ),
-        _change(
-            [_truth(look, "height") for look in looks],
-            looks,
-            "height",
-            1e3,
-            " mm",
-            "largest true height",
-        ),
-        _tile(_duration(_seconds(run, looks)), "total time"),
-        _tile(f"{settings.seed}", "seed"),
+        _change(coverage, looks, "coverage", 100.0, " %", "coverage"),
+        _change(heights, looks, "height", 1e3, " mm", "largest true height"),
+        (_duration(_seconds(run, looks)), "total time"),
+        (f"{run.settings.seed}", "seed"),
     ]
+
+
+def _what(run: RunFolder) -> str:
+    settings = run.settings
     real = settings.station == "hardware"
     garment = f"{settings.garment} ({settings.texture}), initially {settings.start}; "
-    what = (
+    return (
         f"{'' if real else garment}sensor {settings.sensor} at scale {settings.scale:g}; arms "
         f"{settings.arms}; pull mode {settings.mode}"
     )
-    return (
-        f'<section><h1>Flattening run {escape(run.path.resolve().name)}</h1><span class="status {kind}">{word}'
-        f'</span><p>{escape(reason)}</p><div class="tiles">{"".join(tiles)}</div><p>{escape(what)}</p>'
-        f'<p><code>{escape(settings.command)}</code></p><p class="note small">{_REAL.get(settings.station, "")}</p></section>'
-    )
-
-
-def _tile(value: str, name: str) -> str:
-    return f'<div class="tile"><b>{escape(value)}</b><span>{escape(name)}</span></div>'
 
 
 def _change(
@@ -129,11 +128,11 @@ def _change(
     factor: float,
     unit: str,
     name: str,
-) -> str:
+) -> tuple[str, str]:
     values = [v for v in _over_looks(before, looks, key) if v is not None]
     if not values:
-        return _tile("–", f"{name} (not known)")
-    return _tile(f"{factor * values[0]:.1f} → {factor * values[-1]:.1f}{unit}", name)
+        return "–", f"{name} (not known)"
+    return f"{factor * values[0]:.1f} → {factor * values[-1]:.1f}{unit}", name
 
 
 def _truth(look: ReadLook, key: str) -> float | None:
@@ -169,9 +168,10 @@ def _duration(seconds: float) -> str:
     return f"{whole // 60} min {whole % 60} s" if whole >= 60 else f"{seconds:.0f} s"
 
 
-def _charts(looks: Sequence[ReadLook]) -> str:
+def _charts(looks: Sequence[ReadLook]) -> list[tuple[str, Markup]]:
+    """Return the charts over the looks, each with its title; none without a look."""
     if not looks:
-        return ""
+        return []
     heights = _over_looks([_truth(look, "height") for look in looks], looks, "height")
     coverage = _over_looks([_truth(look, "coverage") for look in looks], looks, "coverage")
     seen: list[float | None] = [
@@ -180,12 +180,11 @@ def _charts(looks: Sequence[ReadLook]) -> str:
         else 1e3 * max((w["peak_height"] for w in look.analysis.get("wrinkles", [])), default=0.0)
         for look in looks
     ]
-    parts = []
     series = [Series("as seen", "#d1663f", seen)]
     if any(value is not None for value in heights):
         series.append(Series("true", "#2f80b9", [_times(1e3, v) for v in heights]))
     chart = line_chart(series, unit="mm", limit=(5.0, "5 mm"))
-    parts.append(f"<div><h3>largest height, mm, after each action</h3>{chart}</div>")
+    charts = [("largest height, mm, after each action", Markup(chart))]
     shares = [v for v in coverage if v is not None]
     if shares:
         least = min(80.0, 10.0 * int(10.0 * min(shares)))
@@ -196,43 +195,33 @@ def _charts(looks: Sequence[ReadLook]) -> str:
             most=101.5,
             limit=(98.0, "98 %"),
         )
-        parts.append(f"<div><h3>coverage of the flat area, %, after each action</h3>{chart}</div>")
+        charts.append(("coverage of the flat area, %, after each action", Markup(chart)))
+    return charts
+
+
+def _stages(looks: Sequence[ReadLook]) -> Markup:
+    """Return the chart of the stages' times; empty where none are known."""
     times = [
         (look_name(look), look.action.seconds)
         for look in looks
         if look.action is not None and look.action.seconds
     ]
-    stages = f"<h3>wall clock by stage</h3>{stage_chart(times)}" if times else ""
-    return f'<section><h2>Over the run</h2><div class="charts">{"".join(parts)}</div>{stages}</section>'
+    return Markup(stage_chart(times) if times else "")
 
 
 def _times(factor: float, value: float | None) -> float | None:
     return None if value is None else factor * value
 
 
-def _details(run: RunFolder) -> str:
+def _run_facts(run: RunFolder) -> list[tuple[str, Any]]:
+    """Return the run's times, versions, machine and figures, each with its name."""
     record = run.record
     facts: list[tuple[str, Any]] = [
         ("begun", record.get("created")),
         ("ended", record.get("finished")),
     ]
     facts += list(_flat(record.get("versions"))) + list(_flat(record.get("machine")))
-    facts += list(_flat(run.figures))
-    listed = "".join(
-        f'<tr><td>{escape(str(name))}</td><td class="text">{escape(str(value))}</td></tr>'
-        for name, value in facts
-    )
-    events = run.events()
-    lines = "\n".join(
-        f"{event.time:9.3f} s  {event.state:<12} {event.text}" for event in events[-_EVENTS:]
-    )
-    return (
-        "<section><h2>Details</h2><details><summary>versions, machine, "
-        f"figures</summary><table>{listed}</table>"
-        f"</details><details><summary>{len(events)} "
-        f"events</summary><pre>{escape(lines)}</pre></details>"
-        f"<details><summary>scenario</summary><pre>{escape(run.settings.scenario)}</pre></details></section>"
-    )
+    return facts + list(_flat(run.figures))
 
 
 def _flat(values: Any) -> list[tuple[str, Any]]:

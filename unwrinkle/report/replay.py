@@ -1,15 +1,14 @@
 """Build the replay of a run: one self-contained page with the motion of the robot and the cloth."""
 
-import json
 import logging
 from collections.abc import Sequence
 from html import escape
-from importlib import resources
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.files import write_text
@@ -29,6 +28,7 @@ from unwrinkle.report.tracks import (
 from unwrinkle.runs.folder import RUNNING, RunFolder
 from unwrinkle.runs.look_folder import readable
 from unwrinkle.viewer.overlay import closed_page
+from unwrinkle.viewer.pages import filled_page
 from unwrinkle.viewer.plan_shapes import COLOURS, ridge_shapes, target_shapes
 from unwrinkle.viewer.scene import ILLUSTRATION, OVERVIEW, CellScene, rgba, start_meshcat
 
@@ -126,32 +126,23 @@ def _page(
     maps = [look.range_map for look in looks if look.range_map is not None]
     window = readable(lambda: Window.around(maps))
     names = dict.fromkeys(mark.name for clip in clips for mark in clip.segments)
-    parts = {
-        "heading": escape(heading),
-        "kind": kind,
-        "status": escape(word),
-        "reason": escape(reason),
-        "actions": "".join(
-            f'<button data-clip="{k}">{look_name(look)}</button>' for k, look in enumerate(looks)
-        ),
-        "looks": "".join(
-            f'<div data-look="{k}" hidden><h2>{look_name(look)}</h2>{_facts(look)}'
-            f"{look_picture(look, window)}</div>"
-            for k, look in enumerate(looks)
-        ),
-        "views": " ".join(f'<button data-view="{name}">{name}</button>' for name in data["views"]),
-        "layers": _layers(),
-        "real": _REAL if run.settings.station == "hardware" else _SIMULATED,
-        "key": "".join(
-            f'<span><i style="background:{_part_colour(name)}"></i>{escape(name)}</span>'
-            for name in names
-        ),
-        # "<" could end the script element that carries the data.
-        "data": json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
-    }
-    panel = resources.files("unwrinkle.report").joinpath("replay.html").read_text(encoding="utf-8")
-    for key, value in parts.items():
-        panel = panel.replace(f"@@{key}@@", value)
+    panel = filled_page(
+        "unwrinkle.report",
+        "replay.html",
+        heading=heading,
+        kind=kind,
+        status=word,
+        reason=reason,
+        names=[look_name(look) for look in looks],
+        looks=[
+            (look_name(look), Markup(_facts(look) + look_picture(look, window))) for look in looks
+        ],
+        views=list(data["views"]),
+        layers=Markup(_layers()),
+        real=Markup(_REAL if run.settings.station == "hardware" else _SIMULATED),
+        key=[(name, _part_colour(name)) for name in names],
+        data=data,
+    )
     before, body, after = closed_page(page, heading).rpartition("</body>")
     return f"{before}{panel}\n{body}{after}"
 

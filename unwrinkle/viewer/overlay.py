@@ -1,12 +1,13 @@
 """Panel of a preview page: hash, verdict, list of poses, layers, legend."""
 
-import json
 from dataclasses import dataclass
 from html import escape
-from importlib import resources
+
+from markupsafe import Markup
 
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification.verdict import Verdict
+from unwrinkle.viewer.pages import filled_page
 from unwrinkle.viewer.plan_shapes import Colours, pull_magnification
 from unwrinkle.viewer.playback import Playback
 from unwrinkle.viewer.scene import ILLUSTRATION, OVERVIEW, PROXIMITY
@@ -95,21 +96,19 @@ def page_with_overlay(
         "times": [step.time for step in playback.steps],
         "labels": _labels(plan),
     }
-    parts = {
-        "title": escape(title),
-        "short": escape(short),
-        "hash": escape(plan.content_hash),
-        "verdict": _verdict(summary),
-        "facts": _facts(plan, playback),
-        "steps": _steps(playback, colours),
-        "layers": _layers(plan, colours),
-        "views": "".join(f'<button data-view="{n}">{n}</button>' for n in views),
-        # "<" could end the script element that carries the data.
-        "data": json.dumps(data).replace("<", "\\u003c"),
-    }
-    panel = resources.files("unwrinkle.viewer").joinpath("overlay.html").read_text(encoding="utf-8")
-    for key, value in parts.items():
-        panel = panel.replace(f"@@{key}@@", value)
+    panel = filled_page(
+        "unwrinkle.viewer",
+        "overlay.html",
+        title=title,
+        short=short,
+        hash=plan.content_hash,
+        verdict=Markup(_verdict(summary)),
+        facts=Markup(_facts(plan, playback)),
+        steps=Markup(_steps(playback, colours)),
+        layers=Markup(_layers(plan, colours)),
+        views=views,
+        data=data,
+    )
     heading = f"Flattening plan {short}" + (f": {title}" if title else "")
     before, body, after = closed_page(page, heading).rpartition("</body>")
     return f"{before}{panel}\n{body}{after}"
