@@ -30,7 +30,8 @@ flatten: $(VENV)/ready
 
 # Tests that need the computer's clock run one at a time, at a higher priority than the others beside them.
 test: lint type
-	nice -n 10 $(BIN)/pytest -m "not alone and not long" --numprocesses 2 --dist worksteal >$(VENV)/tests.log 2>&1 & others=$$!; \
+	nice -n 10 $(BIN)/pytest -m "not alone and not long and not smoke" --numprocesses 2 --dist loadfile >$(VENV)/tests.log 2>&1 & others=$$!; \
+	trap 'kill $$others' INT TERM; \
 	status=0; \
 	$(BIN)/pytest -m "alone and not long" || status=1; \
 	wait $$others || status=1; \
