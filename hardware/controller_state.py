@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from unwrinkle.models.arrays import Array
+from unwrinkle.planning.motion_mode import MotionMode
 
 
 class DriverState(StrEnum):
@@ -25,6 +26,19 @@ class DriverState(StrEnum):
 
 
 OFFLINE, CONNECTING, READY, STARTING, RUNNING, HOLDING, HELD, STOPPING, FAULT = DriverState
+
+#: Modes of motion by the driver's state.
+MOTION_MODES = {
+    OFFLINE: MotionMode.FAULT,
+    CONNECTING: MotionMode.IDLE,
+    READY: MotionMode.IDLE,
+    STARTING: MotionMode.RUNNING,
+    RUNNING: MotionMode.RUNNING,
+    HOLDING: MotionMode.HOLDING,
+    HELD: MotionMode.HELD,
+    STOPPING: MotionMode.HOLDING,
+    FAULT: MotionMode.FAULT,
+}
 
 #: Value of a status field that the controller does not know.
 UNKNOWN = -1

@@ -116,22 +116,21 @@ def load_limits(path: Path) -> Limits:
 
     Raises:
         InputError: missing file, unknown or missing key, an axis missing, a limit that is not
-            positive.
+            finite or not positive.
     """
     file = load_yaml(path, LimitsFile)
     if sorted(file.arm) != sorted(ARM_AXES) or list(file.turntable) != ["ext_axis"]:
         raise InputError(f"{path}: needs turntable: ext_axis and arm: {', '.join(ARM_AXES)}")
     scalars = (file.tip_speed_holding, file.gripper.stroke, file.gripper.velocity)
-    if not all(value > 0.0 for value in scalars):
-        raise InputError(f"{path}: tip_speed_holding and gripper stroke, velocity must be positive")
+    if not all(0.0 < value < math.inf for value in scalars):
+        raise InputError(
+            f"{path}: tip_speed_holding and gripper stroke, velocity must be finite and positive"
+        )
+    axes: dict[str, AxisLimits | HeadAxisLimits] = {**file.turntable, **file.arm}
+    axes |= {"pan": file.head.pan, "tilt": file.head.tilt}
+    for name, each in axes.items():
+        _check_axis(path, name, each)
     rows = [file.turntable["ext_axis"]] + 2 * [file.arm[name] for name in ARM_AXES]
-    for row in rows:
-        if not (
-            row.lower < row.upper and min(row.velocity, row.acceleration, row.jerk, row.effort) > 0
-        ):
-            raise InputError(
-                f"{path}: an axis has lower >= upper, or a limit that is not positive: {row}"
-            )
 
     def column(name: str) -> NDArray[np.float64]:
         return _frozen(np.array([getattr(row, name) for row in rows], dtype=float))
@@ -148,3 +147,19 @@ def load_limits(path: Path) -> Limits:
         head=file.head,
     )
     return limits.scaled(file.planning_fraction)
+
+
+def _check_axis(path: Path, name: str, row: AxisLimits | HeadAxisLimits) -> None:
+    """Refuse limits of an axis that are missing, not finite, or not positive.
+
+    Raises:
+        InputError: naming the axis and the key.
+    """
+    values = dc.asdict(row)
+    for key, value in values.items():
+        if not math.isfinite(value):
+            raise InputError(f"{path}: {name} {key} is missing or not finite; give a number")
+        if key not in ("lower", "upper") and value <= 0.0:
+            raise InputError(f"{path}: {name} {key} is {value:g}, which is not positive")
+    if not row.lower < row.upper:
+        raise InputError(f"{path}: {name} lower is {row.lower:g}, not below upper {row.upper:g}")

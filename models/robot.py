@@ -218,9 +218,12 @@ def load_cell(scenario: Scenario | str | Path | None = None) -> Cell:
         scenario: its settings, or its file; None for the shipped one.
 
     Raises:
-        InputError: a file is missing, has an unknown key, or lacks a number or a role.
+        InputError: a file is missing, has an unknown key, or lacks a number or a role; or a value
+            of the scenario is out of range.
     """
-    if not isinstance(scenario, Scenario):
+    if isinstance(scenario, Scenario):
+        scenario.validate()
+    else:
         scenario = load_scenario(scenario)
     robot = load_yaml(resolve(scenario.robot), RobotDescription)
     _check_robot(robot, scenario.robot)

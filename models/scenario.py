@@ -11,7 +11,7 @@ import yaml
 from unwrinkle.models.choices import PulledSlack, PullReading, SectionPlace
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.loader_yaml import load_yaml, models_dir
-from unwrinkle.models.io.settings import with_settings
+from unwrinkle.models.io.settings import check_finite, with_settings
 
 SENSOR_KINDS = ("stereo", "depth", "truth")
 OUTLINES = ("towel", "dishcloth", "tshirt", "trousers")
@@ -270,6 +270,7 @@ class Scenario:
             if not (isfinite(number) and number > 0.0):
                 raise InputError(f"scenario: tools {key} is {number:g}; give a positive number")
         self._validate_loop()
+        check_finite(self, "scenario")
 
     def _validate_loop(self) -> None:
         choices = (

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.loader_yaml import load_yaml, models_dir
-from unwrinkle.models.io.settings import with_settings
+from unwrinkle.models.io.settings import check_finite, with_settings
 
 PROFILES = ("groups", "ex")
 SYNCHRO = ("off", "start", "each")
@@ -209,6 +209,7 @@ class Site:
                 raise InputError(f"site: grippers.{name} needs two values, right and left")
         if self.calibration_days < 1 or not self.calibration_residual > 0.0:
             raise InputError("site: calibration_days and calibration_residual must be positive")
+        check_finite(self, "site")
 
     def _validate_choices(self) -> None:
         c = self.controller

@@ -174,8 +174,8 @@ class _Reader:
             self._takers[record["k"]](float(record["t"]), record)
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise InputError(
-                f"{self._path}: line {number} is damaged ({error!r}); only the last line of a log "
-                "may be cut"
+                f"{self._path}: line {number} is damaged ({_short(error)}); only the last line of "
+                "a log may be cut"
             ) from None
 
     def _take_header(self, record: dict[str, Any]) -> None:
@@ -240,3 +240,8 @@ def _axes(values: Any) -> list[float]:
     if not isinstance(values, list) or len(values) != AXES:
         raise ValueError(f"needs {AXES} numbers")
     return [_number(value) for value in values]
+
+
+def _short(error: Exception) -> str:
+    """Describe why a line cannot be read, without its bytes."""
+    return "no text" if isinstance(error, UnicodeError) else repr(error)

@@ -6,6 +6,7 @@ a value of another type.
 
 import dataclasses as dc
 import difflib
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
@@ -84,6 +85,22 @@ def with_settings(settings: Schema, assignments: Sequence[str]) -> Schema:
             raise UnknownSettingError(key, known)
         settings = _changed(settings, key.split("."), key, text.partition("=")[2].strip())
     return settings
+
+
+def check_finite(settings: Any, what: str) -> None:
+    """Refuse settings that hold a number that is not finite, on their own or in a list.
+
+    Args:
+        settings: nested dataclass.
+        what: it is, for the message: `scenario` or `site`.
+
+    Raises:
+        InputError: such a number; the message names its key.
+    """
+    for key, value in setting_values(settings).items():
+        for number in value if isinstance(value, list) else (value,):
+            if isinstance(number, float) and not math.isfinite(number):
+                raise InputError(f"{what}: {key} is {value}; give finite numbers")
 
 
 def assigned_keys(assignments: Sequence[str]) -> list[str]:

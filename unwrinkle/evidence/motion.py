@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Role
+from pydrake.multibody.plant import MultibodyPlant
 
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
@@ -125,7 +126,7 @@ def _samples(plan: FlatteningPlan, cell: Cell, step: float) -> tuple[Array, Arra
     )
 
 
-def _velocity_columns(cell: Cell, plant) -> NDArray[np.intp]:  # type: ignore[no-untyped-def]
+def _velocity_columns(cell: Cell, plant: MultibodyPlant) -> NDArray[np.intp]:
     """Return the places of the axes' and the grippers' rates in the plant's velocities."""
     found = []
     for name in [*cell.robot.axes, *cell.robot.grippers]:

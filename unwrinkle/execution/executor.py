@@ -21,24 +21,10 @@ from unwrinkle.flattening.execution.state import (
 )
 from unwrinkle.flattening.station_messages import ControllerStatus, GripperCommand, GripperStatus
 from unwrinkle.hardware.controller.base import Driver
-from unwrinkle.hardware.controller_state import DriverState
+from unwrinkle.hardware.controller_state import MOTION_MODES, DriverState
 from unwrinkle.hardware.grippers.base import Grippers
 from unwrinkle.hardware.run_log.protocol import NoLog, RunLogger
-from unwrinkle.planning.motion_mode import MotionMode
 from unwrinkle.planning.plan import FlatteningPlan
-
-#: Modes of the executor's controller by the driver's state.
-_MODES = {
-    DriverState.OFFLINE: MotionMode.FAULT,
-    DriverState.CONNECTING: MotionMode.IDLE,
-    DriverState.READY: MotionMode.IDLE,
-    DriverState.STARTING: MotionMode.RUNNING,
-    DriverState.RUNNING: MotionMode.RUNNING,
-    DriverState.HOLDING: MotionMode.HOLDING,
-    DriverState.HELD: MotionMode.HELD,
-    DriverState.STOPPING: MotionMode.HOLDING,
-    DriverState.FAULT: MotionMode.FAULT,
-}
 
 
 class PlanExecutor:
@@ -180,7 +166,7 @@ class PlanExecutor:
             unknown if feedback is None else feedback.positions,
             unknown if feedback is None else feedback.velocities,
             ControllerStatus(
-                _MODES[status.state],
+                MOTION_MODES[status.state],
                 status.command,
                 status.completed,
                 status.progress,

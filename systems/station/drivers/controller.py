@@ -19,17 +19,12 @@ from unwrinkle.models.shared import Shared
 from unwrinkle.planning.motion_mode import MotionMode
 from unwrinkle.systems.abstract_state import set_state_value, state_value
 
-#: States of the station's port by the driver's state.
+#: Modes at the station's port, which has no resume: a held motion has ended, and so has one that is
+#: being stopped.
 STATES = {
-    controller_state.OFFLINE: MotionMode.FAULT,
-    controller_state.CONNECTING: MotionMode.IDLE,
-    controller_state.READY: MotionMode.IDLE,
-    controller_state.STARTING: MotionMode.RUNNING,
-    controller_state.RUNNING: MotionMode.RUNNING,
-    controller_state.HOLDING: MotionMode.HOLDING,
+    **controller_state.MOTION_MODES,
     controller_state.HELD: MotionMode.IDLE,
     controller_state.STOPPING: MotionMode.IDLE,
-    controller_state.FAULT: MotionMode.FAULT,
 }
 
 

@@ -1,6 +1,7 @@
 """Settings by dotted key: values, types, refusals, and YAML with the sources."""
 
 import dataclasses as dc
+from pathlib import Path
 
 import pytest
 import yaml
@@ -14,7 +15,8 @@ from unwrinkle.models.io.settings import (
     with_settings,
 )
 from unwrinkle.models.scenario import Scenario, load_scenario
-from unwrinkle.models.site import Site
+from unwrinkle.models.site import Site, loopback_site
+from unwrinkle.site.sites import find_site
 
 
 @pytest.mark.parametrize(
@@ -115,3 +117,29 @@ def test_the_yaml_reads_back_and_names_every_source(settings: object) -> None:
     sources = [line.rpartition("# ")[2] for line in values]
     assert sources.count("--set") == 1
     assert sources.count("default") == len(values) - 1
+
+
+@pytest.mark.parametrize("number", [".nan", ".inf", "-.inf"])
+def test_no_number_of_a_scenario_is_infinite_or_none(number: str, tmp_path: Path) -> None:
+    """A clearance that is not a number would allow every distance."""
+    for key, value in setting_values(load_scenario()).items():
+        if isinstance(value, float):
+            text = number
+        elif isinstance(value, list) and value and isinstance(value[0], float):
+            text = f"[{', '.join([number] + [str(each) for each in value[1:]])}]"
+        else:
+            continue
+        with pytest.raises(InputError):
+            load_scenario(settings=[f"{key}={text}"])
+    path = tmp_path / "lab.scenario.yaml"
+    path.write_text(f"Lab:\n  clearance: {{arm_arm: {number}}}\n", encoding="utf-8")
+    with pytest.raises(InputError):
+        load_scenario(path)
+
+
+@pytest.mark.parametrize("number", [".nan", ".inf", "-.inf"])
+def test_no_number_of_a_site_is_infinite_or_none(number: str) -> None:
+    for key, value in setting_values(loopback_site()).items():
+        if isinstance(value, float):
+            with pytest.raises(InputError):
+                find_site("loopback", settings=[f"{key}={number}"])
