@@ -194,6 +194,15 @@ BENCHMARKS: dict[str, Callable[[Any], list[Line]]] = {
 }
 
 
+#: Benchmarks whose figures are of computed trajectories, without a simulated robot or cloth.
+COMPUTED = ("trajectories",)
+
+
+def _marked(figure: str, how: str) -> str:
+    """Say in the cell of a figure how it was measured."""
+    return f"{figure} ({how})" if figure and how else figure
+
+
 def summary(folder: Path) -> str:
     """Return the benchmarks' headlines as a Markdown table.
 
@@ -215,7 +224,11 @@ def summary(folder: Path) -> str:
             raise InputError(
                 f"{path}: is of a quick run, which is no result; run it without --quick"
             )
-        lines += [(f"[{name}]({name}.md)", *line) for line in headlines(report.results)]
+        here = "" if name in COMPUTED else "simulated"
+        lines += [
+            (f"[{name}]({name}.md)", what, _marked(there, "real robot"), _marked(own, here), target)
+            for what, there, own, target in headlines(report.results)
+        ]
     return table(("benchmark", "what", "published", "here", "target"), lines)
 
 
