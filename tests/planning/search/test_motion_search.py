@@ -60,7 +60,7 @@ def test_lateral_wrinkle_needs_the_turn_table(cell, make_target):
     assert 0.0 < result.failure.missing < 0.3
     assert "mm of reach" in result.failure.message
     vertical = dc.replace(
-        cell.scenario, gripper=dc.replace(cell.scenario.gripper, tilt_upper=1.571)
+        cell.scenario, gripper=dc.replace(cell.scenario.gripper, tilt_upper=np.pi / 2)
     )
     turned = FlatteningPlanner(
         load_cell(vertical), narrow(tilts=(45, 90), turntable=(30, -30), offsets=(0,))
