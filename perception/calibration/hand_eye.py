@@ -137,9 +137,17 @@ def park_martin(X_BM: Sequence[Pose], X_CT: Sequence[Pose]) -> Pose:
     """Compute X_MC (4, 4) by F. C. Park and B. J. Martin (1994) over all pairs of views.
 
     The rotation is the one that best aligns the rotation vectors of B with those of A.
+
+    Raises:
+        InputError: a mirror image aligns them better than any rotation.
     """
     A, B = _motions(X_BM, X_CT)
     a, b = (Rotation.from_matrix(X[:, :3, :3]).as_rotvec() for X in (A, B))
+    if np.linalg.det(a.T @ b) < 0.0:
+        raise InputError(
+            "hand-eye calibration: the mount's motions are like a mirror image of the boards'; the "
+            "angles or poses may not belong to the images, or turn the mount more"
+        )
     R = Rotation.align_vectors(a, b)[0].as_matrix()
     return pose(R, _translation(A, B, R))
 
@@ -149,6 +157,9 @@ def daniilidis(X_BM: Sequence[Pose], X_CT: Sequence[Pose]) -> Pose:
 
     Rotation and translation are found together, as a unit dual quaternion in the space of the two
     least singular vectors of his matrix (Eq. 31 and 33 to 35).
+
+    Raises:
+        InputError: no unit dual quaternion lies there, e.g. where the mount does not turn.
     """
     (a, a_dual), (b, b_dual) = (_dual_quaternion_vectors(X) for X in _motions(X_BM, X_CT))
     rows = np.zeros((len(a), 6, 8))
@@ -161,10 +172,14 @@ def daniilidis(X_BM: Sequence[Pose], X_CT: Sequence[Pose]) -> Pose:
     # Of a unit dual quaternion, the two parts are orthogonal: two directions in that plane.
     (low, high), axes = np.linalg.eigh(product + product.T)
     first, second = np.sqrt(max(high, 0.0)) * axes[:, 0], np.sqrt(max(-low, 0.0)) * axes[:, 1]
-    real, dual = np.split(
-        max(((first + sign * second) @ null for sign in (1, -1)), key=lambda q: q[:4] @ q[:4]), 2
-    )
-    length = np.linalg.norm(real)
+    found = max(((first + sign * second) @ null for sign in (1, -1)), key=lambda q: q[:4] @ q[:4])
+    real, dual = found[:4], found[4:]
+    length = float(np.linalg.norm(real))
+    if not length > 1e-9 * float(np.linalg.norm(found)):
+        raise InputError(
+            "hand-eye calibration: the views do not determine the pose of the camera on its mount; "
+            "turn the mount more, about two axes"
+        )
     (w, v), (w_dual, v_dual) = ((q[0] / length, q[1:] / length) for q in (real, dual))
     R = Rotation.from_quat([*v, w]).as_matrix()
     return pose(R, 2.0 * (w * v_dual - w_dual * v + np.cross(v, v_dual)))
