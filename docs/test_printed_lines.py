@@ -18,6 +18,7 @@ import pytest
 DOCS = Path(__file__).parent
 PAGES = ("quickstart", *(f"howto/own_{name}" for name in ("capture", "camera", "cell", "policy")))
 PAGES += ("howto/own_site", "howto/headless", "howto/container")
+PAGES += ("howto/settings", "howto/export", "howto/evidence")
 #: Pages that execute in real time, which a busy computer may be too slow for: tried twice.
 REAL_TIME = ("quickstart", "howto/own_site")
 #: Longest time of one block, s.

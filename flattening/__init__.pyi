@@ -1,3 +1,4 @@
+from . import execution as execution
 from .flattener import (
     Choice as Choice,
     Flattener as Flattener,

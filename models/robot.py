@@ -206,6 +206,8 @@ class Cell:
         """Load the same cell with another fraction of the catalogue velocity, acceleration and
         jerk.
         """
+        if fraction == self.scenario.speed:
+            return self
         return load_cell(dc.replace(self.scenario, speed=fraction))
 
 

@@ -10,6 +10,7 @@ others.
 import importlib
 import inspect
 import re
+import sys
 from functools import cache
 from types import ModuleType
 from typing import Any
@@ -18,6 +19,7 @@ from docutils import nodes
 from docutils.parsers.rst import Directive
 from docutils.statemachine import StringList
 from sphinx.application import Sphinx
+from sphinx.pycode import ModuleAnalyzer
 
 #: Packages whose faces are documented; the facade owns its names.
 FOLDERS = (
@@ -36,6 +38,9 @@ FOLDERS = (
     "unwrinkle.logs",
     "unwrinkle.report",
     "unwrinkle.viewer",
+    "unwrinkle.exports",
+    "unwrinkle.evidence",
+    "unwrinkle.testing",
 )
 
 
@@ -78,7 +83,22 @@ def _entry(room: str, name: str, each: Any) -> list[str]:
         kind = "autoexception" if issubclass(each, BaseException) else "autoclass"
         shown = [] if each.__bases__ == (object,) else ["   :show-inheritance:"]
         return ["", f".. {kind}:: {room}.{name}", "   :members:", *shown, ""]
+    if isinstance(each, dict):
+        return ["", f".. py:data:: {room}.{name}", "", f"   {_comment(room, name, each)}", ""]
     return ["", f".. {'autofunction' if callable(each) else 'autodata'}:: {room}.{name}", ""]
+
+
+def _comment(room: str, name: str, each: Any) -> str:
+    """Return the comment `#:` of a value in the module of a room that defines it.
+
+    A value such as a dictionary would be documented by what its type says of itself.
+    """
+    for below, module in list(sys.modules.items()):
+        if below.startswith(f"{room}.") and getattr(module, name, None) is each:
+            lines = ModuleAnalyzer.for_module(below).find_attr_docs().get(("", name))
+            if lines:
+                return " ".join(lines).strip()
+    raise KeyError(f"{room}.{name} has no comment that begins with '#:'")
 
 
 _SEVERAL = re.compile(r"(?P<indent> +)(?P<names>\*{0,2}\w+(?:, \*{0,2}\w+)+): (?P<text>.*)")

@@ -4,6 +4,7 @@ smaller arm clearance.
 
 import copy
 from itertools import pairwise
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +63,7 @@ class CollisionModel:
     def with_contact(self, contact: bool) -> "CollisionModel":
         """Return the same model with another clearance of the fingers from the working table."""
         other = copy.copy(self)
-        other._checker = self._checker.Clone()
+        other._checker = cast(SceneGraphCollisionChecker, self._checker.Clone())
         other._set_padding(self._cell, contact)
         return other
 

@@ -7,7 +7,8 @@ from benchmarks.parity import benchmark as parity
 pytestmark = pytest.mark.alone
 
 
-@pytest.mark.slow
+# In the suite, test_flatten_forms compares the forms.
+@pytest.mark.long
 def test_the_forms_agree() -> None:
     results = parity.run(quick=True, seed=0, progress=lambda done, total, stage: None)
     assert max(joint.max for joint in results.loopback.joints) < 0.5e-3

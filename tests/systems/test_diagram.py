@@ -12,12 +12,13 @@ import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Diagram, LeafSystem
 
-from unwrinkle.flattening import capture_to_observation, station_messages
+from unwrinkle.flattening import station_messages
 from unwrinkle.flattening.policy import PolicyState
 from unwrinkle.flattening.state import SupervisorState
 from unwrinkle.models.errors import NoGarmentError
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.scenario import load_scenario
+from unwrinkle.perception.stereo import range_mapping
 from unwrinkle.perception.stereo.head import Gaze
 from unwrinkle.perception.stereo.head_file import nominal_calibration
 from unwrinkle.systems import diagram as flattening_diagram
@@ -119,7 +120,7 @@ def test_pictures_are_matched_once_per_exposure(
         calls.append(args)
         raise NoGarmentError("look: no garment found (nothing stands up)")
 
-    monkeypatch.setattr(capture_to_observation, "range_map_from_pair", counted)
+    monkeypatch.setattr(range_mapping, "range_map_from_pair", counted)
     context = diagram.CreateDefaultContext()
     perception = diagram.GetSubsystemByName("perception")
     own = perception.GetMyContextFromRoot(context)

@@ -1,11 +1,8 @@
 """Files for other tools.
 
-| from | to | module |
-|---|---|---|
-| run log | MCAP with Foxglove's schemas | `foxglove_log` |
-| run log | rerun recording `.rrd` | `rerun_log` |
-| plan | ROS `trajectory_msgs/JointTrajectory`, as JSON or MCAP | `joint_trajectory` |
-| range map | point cloud, PLY or PCD | `point_cloud` |
+- `foxglove_log`: a run log as MCAP with Foxglove's schemas; `rerun_log`: as a rerun recording.
+- `joint_trajectory`: a plan as ROS `trajectory_msgs/JointTrajectory`, JSON or MCAP.
+- `point_cloud`: a range map as a point cloud, PLY or PCD.
 
 Lengths are in m, angles in rad, times in s. Frames are the world (z up, the robot looks along -y)
 and the bodies of the cell by their scoped names, e.g. `r1::link_3`.

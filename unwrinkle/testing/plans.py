@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from unwrinkle.models.arrays import Array
-from unwrinkle.planning.plan import FlatteningPlan, GripperEvent, Segment
+from unwrinkle.planning.plan import ArmChoice, FlatteningPlan, GripperEvent, Segment
 from unwrinkle.planning.search.planner import PlanResult, Timings
 from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.planning.verification.verdict import Verdict, Violation
@@ -63,7 +63,7 @@ def short_plan(home: Array, name: str = "") -> FlatteningPlan:
         limits_hash="",
         speed=1.0,
         target=flattening_task((0.0, -1.1), 0.0),
-        arms=(None, None),
+        arms=(ArmChoice(0, 0.0, 0.0, 1.0), ArmChoice(1, 0.0, 0.0, 1.0)),
         turntable=0.0,
         segments=segments,
         events=events,

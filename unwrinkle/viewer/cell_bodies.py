@@ -1,6 +1,7 @@
 """The cell's bodies as other viewers show them: simple shapes, and poses along a motion."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,8 +83,8 @@ class CellBodies:
             for geometry in inspector.GetGeometries(frame, role):
                 X_BG = inspector.GetPoseInFrame(geometry).GetAsMatrix4()
                 parts = _parts(inspector.GetShape(geometry))
-                if not parts:
-                    box = inspector.GetObbInGeometryFrame(geometry)
+                box = None if parts else inspector.GetObbInGeometryFrame(geometry)
+                if box is not None:
                     X_GO = box.pose().GetAsMatrix4()
                     a, b, c = map(float, box.half_width())
                     parts = [("box", X_GO, (2.0 * a, 2.0 * b, 2.0 * c))]
@@ -132,9 +133,9 @@ def _colour(
     inspector: SceneGraphInspector, geometry: GeometryId
 ) -> tuple[float, float, float, float]:
     properties = inspector.GetIllustrationProperties(geometry)
-    rgba = None if properties is None else properties.GetPropertyOrDefault("phong", "diffuse", None)
-    if rgba is None:
+    if properties is None or not properties.HasProperty("phong", "diffuse"):
         return _GREY
+    rgba: Any = properties.GetProperty("phong", "diffuse")
     return (float(rgba.r()), float(rgba.g()), float(rgba.b()), float(rgba.a()))
 
 

@@ -42,20 +42,22 @@ def tube(points: NDArray[np.floating[Any]], radii: float | Array, *, capped: boo
     )
     ring = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
     u = _perpendicular(tangents[0])
-    vertices = np.empty((len(p), _SIDES, 3))
+    normals = np.empty((len(p), 3))
     for i, t in enumerate(tangents):
         # The normal is carried along the line, so that the rings do not twist against each other.
         u = u - t * (u @ t)
         u = u / np.linalg.norm(u) if np.linalg.norm(u) > 1e-9 else _perpendicular(t)
-        v = np.cross(t, u)
-        vertices[i] = p[i] + r[i] * (np.outer(np.cos(ring), u) + np.outer(np.sin(ring), v))
+        normals[i] = u
+    others = np.cross(tangents, normals)
+    circle = np.cos(ring)[:, None] * normals[:, None] + np.sin(ring)[:, None] * others[:, None]
+    vertices = p[:, None] + r[:, None, None] * circle
     k = np.arange(_SIDES)
     after = (k + 1) % _SIDES
-    faces = []
-    for i in range(len(p) - 1):
-        a, b = i * _SIDES, (i + 1) * _SIDES
-        faces.append(np.column_stack([a + k, a + after, b + after]))
-        faces.append(np.column_stack([a + k, b + after, b + k]))
+    a = _SIDES * np.arange(len(p) - 1)[:, None]
+    b = a + _SIDES
+    first = np.stack([a + k, a + after, b + after], axis=-1)
+    second = np.stack([a + k, b + after, b + k], axis=-1)
+    faces = [np.stack([first, second], axis=1).reshape(-1, 3)]
     flat = vertices.reshape(-1, 3)
     if capped:
         last = (len(p) - 1) * _SIDES

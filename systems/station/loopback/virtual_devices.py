@@ -1,6 +1,7 @@
 """Virtual devices of the loopback station.
 
-They connect the real protocols with the simulated machines.
+They connect the protocols of the real devices, as their public sources have them, with the
+simulated machines.
 """
 
 from collections.abc import Callable, Sequence

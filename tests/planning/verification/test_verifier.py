@@ -217,7 +217,7 @@ def test_gaps_never_exceed_the_distance_of_boxes(model: CellModel) -> None:
 def measured(
     shapes: tuple[Shape, Shape], poses: tuple[RigidTransform, RigidTransform]
 ) -> tuple[float, float]:
-    """What Drake claims for two shapes, and what is certified."""
+    """What Drake claims for two shapes, and what is bounded."""
     scene_graph = SceneGraph()
     source = scene_graph.RegisterSource("test")
     ids = []
@@ -236,23 +236,23 @@ def measured(
     claimed = query.ComputeSignedDistancePairClosestPoints(*ids).distance
     R = tuple(pose.rotation().matrix() for pose in poses)
     p = poses[1].translation() - poses[0].translation()
-    certified, _ = measure(query, outlines(inspector, ids, "test"), 0, 1, (R[0], R[1]), p)
-    return claimed, certified
+    bounded, _ = measure(query, outlines(inspector, ids, "test"), 0, 1, (R[0], R[1]), p)
+    return claimed, bounded
 
 
 def test_parallel_boxes_that_drake_gets_wrong() -> None:
     """FCL issue 508: two unit cubes 4 m apart along y are 3 m, not 3.16 m apart."""
     poses = RigidTransform(), RigidTransform([0.0, 4.0, 0.0])
-    claimed, certified = measured((Box(1, 1, 1), Box(1, 1, 1)), poses)
-    assert certified == pytest.approx(3.0, abs=1e-12)
+    claimed, bounded = measured((Box(1, 1, 1), Box(1, 1, 1)), poses)
+    assert bounded == pytest.approx(3.0, abs=1e-12)
     assert claimed >= 3.0 - 1e-9
 
 
 def test_round_shapes() -> None:
     away = RigidTransform([0.3, 0.4, 0.0])
-    _, certified = measured((Cylinder(0.1, 0.5), Sphere(0.05)), (RigidTransform(), away))
-    assert certified == pytest.approx(0.35, abs=1e-5)
-    assert certified <= 0.35 + 1e-9
+    _, bounded = measured((Cylinder(0.1, 0.5), Sphere(0.05)), (RigidTransform(), away))
+    assert bounded == pytest.approx(0.35, abs=1e-5)
+    assert bounded <= 0.35 + 1e-9
     _, deep = measured(
         (Box(0.2, 0.2, 0.2), Box(0.2, 0.2, 0.2)), (RigidTransform(), RigidTransform([0.19, 0, 0]))
     )

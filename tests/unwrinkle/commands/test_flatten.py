@@ -15,6 +15,7 @@ from unwrinkle.closed_loop.run import FlatteningRun, Seconds
 from unwrinkle.closed_loop.session import Choices, Session, begin_run, resume_run
 from unwrinkle.closed_loop.setup import open_loop, scenario_text, with_choices
 from unwrinkle.closed_loop.station_view import StationView
+from unwrinkle.flattening.execution.state import Phase
 from unwrinkle.flattening.state import SupervisorState
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import load_scenario
@@ -56,7 +57,9 @@ class At:
     ) -> None:
         if now.mode == self.mode != before.mode:
             self.count -= 1
-        if self.count == 0 and (now.sent or self.mode not in ("move", "grip")):
+        if self.count == 0 and (
+            now.execution.phase == Phase.MOVING or self.mode not in ("move", "grip")
+        ):
             self.count = -1
             self.action()
 

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from unwrinkle.benchmarks._plan_tasks import flattening_task
 from unwrinkle.evidence.body_motion import body_motions
 from unwrinkle.evidence.motion import sampled_motion
 from unwrinkle.evidence.pack import Evidence, collect_evidence
@@ -20,6 +19,7 @@ from unwrinkle.models.robot import Cell
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.search.planner import FlatteningPlanner
 from unwrinkle.planning.verification.motion import legs
+from unwrinkle.testing.targets import flattening_task
 
 Main = Callable[..., int]
 

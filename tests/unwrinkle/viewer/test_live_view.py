@@ -143,7 +143,10 @@ def test_a_page_that_was_closed_is_noticed(cell: Cell, monkeypatch: pytest.Monke
     browser = SimpleNamespace(GetNumActiveConnections=lambda: next(viewers))
     still = SimpleNamespace(mode="perceive")
     monkeypatch.setattr("unwrinkle.closed_loop.watcher.LiveView", lambda *args: None)
-    watcher = LiveWatcher(SimpleNamespace(cell=cell, cloth=None), browser)  # type: ignore[arg-type]
+    watcher = LiveWatcher(
+        SimpleNamespace(station=SimpleNamespace(cell=cell, cloth=None)),
+        browser,  # type: ignore[arg-type]
+    )
     closed = []
     for _ in range(6):
         watcher.update(still, still, None, None)  # type: ignore[arg-type]
