@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from unwrinkle.models.arrays import Array
@@ -100,19 +99,17 @@ class SampledCubic:
         """Return positions, rad, and velocities, rad/s, (..., A) each, at times t (...) from 0 to
         `duration`, s.
         """
-        u, (a, b, c, d) = self._piece(t)
-        return ((a * u + b) * u + c) * u + d, (3.0 * a * u + 2.0 * b) * u + c
+        return self._spline(t), self._spline(t, 1)
 
     def derivatives(self, t: float | Array) -> tuple[Array, Array, Array]:
         """Return velocities, rad/s, accelerations, rad/s^2, and jerks, rad/s^3, (..., A) each, at
         times t (...), s.
         """
-        u, (a, b, c, _) = self._piece(t)
-        return (3.0 * a * u + 2.0 * b) * u + c, 6.0 * a * u + 2.0 * b, 6.0 * a
+        return self._spline(t, 1), self._spline(t, 2), self._spline(t, 3)
 
     def extremes(self) -> Extremes:
         """Return the exact extremes of the cubics, closed form."""
-        a, b, c, _ = np.moveaxis(self._coefficients, 1, 0)
+        a, b, c, _ = self._spline.c
         step = np.diff(self.times)[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
             root = np.sqrt(b * b - 3.0 * a * c)
@@ -130,25 +127,11 @@ class SampledCubic:
 
     def interpolant(self) -> CubicHermiteSpline:
         """Return the cubics as scipy's spline: positions (..., A), rad, of time, s."""
-        return CubicHermiteSpline(self.times, self.positions, self.velocities)
+        return self._spline
 
     @cached_property
-    def _coefficients(self) -> Array:
-        """Coefficients (N - 1, 4, A) of the cubics in the time since their begin, third power
-        first.
-        """
-        return np.ascontiguousarray(np.moveaxis(self.interpolant().c, 0, 1))
-
-    def _piece(self, t: float | Array) -> tuple[Array, tuple[Array, Array, Array, Array]]:
-        """Return the time (..., 1) since the begin of the cubic at t, s, and its coefficients,
-        (..., A) each.
-        """
-        index: NDArray[np.intp] = np.clip(
-            np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 2
-        )
-        c = self._coefficients[index]
-        u = np.asarray(t - self.times[index])[..., None]
-        return u, (c[..., 0, :], c[..., 1, :], c[..., 2, :], c[..., 3, :])
+    def _spline(self) -> CubicHermiteSpline:
+        return CubicHermiteSpline(self.times, self.positions, self.velocities)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +195,7 @@ def hermite_positions(times: Array, positions: Array, velocities: Array, t: Arra
     """Return the positions (n, A) of the cubics through samples at times t (n,), from the Hermite
     basis.
 
-    For samples that change from call to call, where the coefficients of `SampledCubic` would be
+    For samples that change from call to call, where the coefficients of scipy's spline would be
     computed in vain.
 
     Args:

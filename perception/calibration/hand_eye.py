@@ -5,14 +5,14 @@ X_BT = X_BM X_MC X_CT is the same for every view, so for two views i and j
 
     A X = X B,  A = inverse(X_BM_j) X_BM_i,  X = X_MC,  B = X_CT_j inverse(X_CT_i).
 
-`tsai_lenz` is implemented here and checked against OpenCV's Park-Martin and Daniilidis.
+The pose is that of `tsai_lenz`, checked by two other methods. All three are implemented here, since
+OpenCV 5 has no `calibrateHandEye`; the tests compare them with OpenCV 4's.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -91,7 +91,7 @@ def solve_hand_eye(
             f"at least {np.degrees(LEAST_TURN):.0f} about both, add looks turned about that axis"
         )
     X_MC = tsai_lenz(X_BM, X_CT)
-    others = [_by_opencv(X_BM, X_CT, method) for method in _CROSS_CHECKS.values()]
+    others = [method(X_BM, X_CT) for method in _CROSS_CHECKS.values()]
     turns = [angle_between(X_MC, other) for other in others]
     shifts = [float(np.linalg.norm(X_MC[:3, 3] - other[:3, 3])) for other in others]
     if max(turns) > _MAX_DISAGREEMENT_RAD or max(shifts) > _MAX_DISAGREEMENT_M:
@@ -130,9 +130,59 @@ def tsai_lenz(X_BM: Sequence[Pose], X_CT: Sequence[Pose]) -> Pose:
     P = 2.0 * halved / np.sqrt(1.0 + halved @ halved)
     R = (1.0 - 0.5 * (P @ P)) * np.eye(3)
     R = R + 0.5 * (np.outer(P, P) + np.sqrt(4.0 - P @ P) * crosses(P[None])[0])
-    left = (A[:, :3, :3] - np.eye(3)).reshape(-1, 3)
-    right = (B[:, :3, 3] @ R.T - A[:, :3, 3]).ravel()
-    return pose(R, np.linalg.lstsq(left, right, rcond=None)[0])
+    return pose(R, _translation(A, B, R))
+
+
+def park_martin(X_BM: Sequence[Pose], X_CT: Sequence[Pose]) -> Pose:
+    """Compute X_MC (4, 4) by F. C. Park and B. J. Martin (1994) over all pairs of views.
+
+    The rotation is the one that best aligns the rotation vectors of B with those of A.
+
+    Raises:
+        InputError: a mirror image aligns them better than any rotation.
+    """
+    A, B = _motions(X_BM, X_CT)
+    a, b = (Rotation.from_matrix(X[:, :3, :3]).as_rotvec() for X in (A, B))
+    if np.linalg.det(a.T @ b) < 0.0:
+        raise InputError(
+            "hand-eye calibration: the mount's motions are like a mirror image of the boards'; the "
+            "angles or poses may not belong to the images, or turn the mount more"
+        )
+    R = Rotation.align_vectors(a, b)[0].as_matrix()
+    return pose(R, _translation(A, B, R))
+
+
+def daniilidis(X_BM: Sequence[Pose], X_CT: Sequence[Pose]) -> Pose:
+    """Compute X_MC (4, 4) by K. Daniilidis (1999) over all pairs of views.
+
+    Rotation and translation are found together, as a unit dual quaternion in the space of the two
+    least singular vectors of his matrix (Eq. 31 and 33 to 35).
+
+    Raises:
+        InputError: no unit dual quaternion lies there, e.g. where the mount does not turn.
+    """
+    (a, a_dual), (b, b_dual) = (_dual_quaternion_vectors(X) for X in _motions(X_BM, X_CT))
+    rows = np.zeros((len(a), 6, 8))
+    rows[:, :3, 0] = rows[:, 3:, 4] = a - b
+    rows[:, :3, 1:4] = rows[:, 3:, 5:] = crosses(a + b)
+    rows[:, 3:, 0] = a_dual - b_dual
+    rows[:, 3:, 1:4] = crosses(a_dual + b_dual)
+    null = np.linalg.svd(rows.reshape(-1, 8), full_matrices=False)[2][-2:]
+    product = null[:, :4] @ null[:, 4:].T
+    # Of a unit dual quaternion, the two parts are orthogonal: two directions in that plane.
+    (low, high), axes = np.linalg.eigh(product + product.T)
+    first, second = np.sqrt(max(high, 0.0)) * axes[:, 0], np.sqrt(max(-low, 0.0)) * axes[:, 1]
+    found = max(((first + sign * second) @ null for sign in (1, -1)), key=lambda q: q[:4] @ q[:4])
+    real, dual = found[:4], found[4:]
+    length = float(np.linalg.norm(real))
+    if not length > 1e-9 * float(np.linalg.norm(found)):
+        raise InputError(
+            "hand-eye calibration: the views do not determine the pose of the camera on its mount; "
+            "turn the mount more, about two axes"
+        )
+    (w, v), (w_dual, v_dual) = ((q[0] / length, q[1:] / length) for q in (real, dual))
+    R = Rotation.from_quat([*v, w]).as_matrix()
+    return pose(R, 2.0 * (w * v_dual - w_dual * v + np.cross(v, v_dual)))
 
 
 def turn_spread(X_BM: Sequence[Pose]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -180,28 +230,10 @@ def angle_between(X: Pose, Y: Pose) -> float:
     return float(Rotation.from_matrix(X[:3, :3].T @ Y[:3, :3]).magnitude())
 
 
-_CROSS_CHECKS = {
-    "Park-Martin": cv2.CALIB_HAND_EYE_PARK,
-    "Daniilidis": cv2.CALIB_HAND_EYE_DANIILIDIS,
+_CROSS_CHECKS: dict[str, Callable[[Sequence[Pose], Sequence[Pose]], Pose]] = {
+    "Park-Martin": park_martin,
+    "Daniilidis": daniilidis,
 }
-
-
-def _by_opencv(X_BM: Sequence[Pose], X_CT: Sequence[Pose], method: int) -> Pose:
-    """Compute X_MC by one of OpenCV's methods; on failure, a pose far from every real one."""
-    nothing = pose(np.diag([-1.0, -1.0, 1.0]), np.full(3, 1e3))
-    try:
-        R, p = cv2.calibrateHandEye(
-            [X[:3, :3] for X in X_BM],
-            [X[:3, 3] for X in X_BM],
-            [X[:3, :3] for X in X_CT],
-            [X[:3, 3] for X in X_CT],
-            method=method,
-        )
-    except cv2.error:
-        return nothing
-    X_MC = pose(np.asarray(R), np.ravel(p))
-    proper = bool(np.isfinite(X_MC).all()) and float(np.linalg.det(X_MC[:3, :3])) > 0.0
-    return X_MC if proper else nothing
 
 
 def _motions(
@@ -212,6 +244,24 @@ def _motions(
     A = np.array([inverse(X_BM[j]) @ X_BM[i] for i, j in pairs])
     B = np.array([X_CT[j] @ inverse(X_CT[i]) for i, j in pairs])
     return A, B
+
+
+def _translation(
+    A: NDArray[np.float64], B: NDArray[np.float64], R: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Solve (R_A - I) p = R p_B - p_A for p (3,), given the rotation R (3, 3) of X."""
+    left = (A[:, :3, :3] - np.eye(3)).reshape(-1, 3)
+    right = (B[:, :3, 3] @ R.T - A[:, :3, 3]).ravel()
+    return np.asarray(np.linalg.lstsq(left, right, rcond=None)[0])
+
+
+def _dual_quaternion_vectors(
+    X: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the vectors (n, 3) of the real and of the dual part of each motion."""
+    q = Rotation.from_matrix(X[:, :3, :3]).as_quat(canonical=True)
+    v, w, p = q[:, :3], q[:, 3:], X[:, :3, 3]
+    return v, 0.5 * (w * p + np.cross(p, v))
 
 
 def _angles(X: NDArray[np.float64]) -> NDArray[np.float64]:

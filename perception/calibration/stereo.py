@@ -245,7 +245,7 @@ def row_error(pairs: list[PairView], left: Camera, right: Camera, X_LR: Pose) ->
     D = [np.array(camera.distortion) for camera in (left, right)]
     size = (left.width, left.height)
     R_1, R_2, P_1, P_2, *_ = cv2.stereoRectify(
-        left.matrix, D[0], right.matrix, D[1], size, X_RL[:3, :3], X_RL[:3, 3]
+        left.matrix, D[0], right.matrix, D[1], size, X_RL[:3, :3], X_RL[:3, 3:]
     )
     differences = []
     for pair in pairs:

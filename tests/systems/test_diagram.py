@@ -12,6 +12,7 @@ import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Diagram, LeafSystem
 
+from docs.diagram_figure import draw_diagram
 from unwrinkle.flattening import station_messages
 from unwrinkle.flattening.policy import PolicyState
 from unwrinkle.flattening.state import SupervisorState
@@ -23,7 +24,6 @@ from unwrinkle.perception.stereo.head import Gaze
 from unwrinkle.perception.stereo.head_file import nominal_calibration
 from unwrinkle.systems import diagram as flattening_diagram
 from unwrinkle.systems.diagram import Link, build_flattening_diagram, links, supervisor_state
-from unwrinkle.systems.diagram_figure import draw_diagram
 
 INPUTS = {
     "trajectory": station_messages.TrajectoryCommand,

@@ -5,12 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from unwrinkle.models.arrays import Pose
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.transforms import inverse, pose, transformed
-from unwrinkle.perception.calibration._bundle_problem import BundleProblem
+from unwrinkle.perception.calibration._bundle_problem import BundleProblem, levenberg_marquardt
 from unwrinkle.perception.calibration.boards import Board, BoardView
 from unwrinkle.perception.calibration.bundle_adjustment import Adjustment, adjust
 from unwrinkle.perception.calibration.hand_eye import angle_between
@@ -96,6 +97,32 @@ def test_derivatives_are_those_of_small_steps() -> None:
     np.testing.assert_allclose(
         (J.T @ residual - side) / scale, 0.0, atol=2e-4 * abs(side / scale).max()
     )
+
+
+def test_the_optimum_and_its_covariance_are_those_of_scipy() -> None:
+    """From another start, by numerical derivatives, in one chart of the poses around the start."""
+    rig, shots = _rig_and_shots(9, 0.2, joint_noise=1e-3, looks=6)
+    noise = np.linspace(0.1, 0.3, len(shots))
+    problem = BundleProblem(_off(rig, 9, cameras=False), shots, False, True, True, 1e-3, noise)
+    state, covariance = levenberg_marquardt(problem, None)
+    residual = problem.residual(state)
+    there = least_squares(
+        lambda step: problem.residual(problem.retract(problem.start, step)),
+        np.zeros(problem.size),
+        x_scale="jac",
+    )
+    assert residual @ residual == pytest.approx(2.0 * there.cost, rel=1e-7)
+    found = problem.retract(problem.start, there.x)
+    for X, Y in zip(state[0].mounts, found[0].mounts, strict=True):
+        np.testing.assert_allclose(X, Y, atol=1e-5)
+    here = least_squares(
+        lambda step: problem.residual(problem.retract(state, step)),
+        np.zeros(problem.size),
+        x_scale="jac",
+    )
+    variance = 2.0 * here.cost / (len(residual) - problem.size)
+    wanted = np.sqrt(np.diag(variance * np.linalg.inv(here.jac.T @ here.jac)))
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), wanted, rtol=1e-3)
 
 
 def test_exact_corners_give_the_exact_rig() -> None:

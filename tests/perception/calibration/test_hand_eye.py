@@ -1,5 +1,7 @@
 """Hand-eye calibration: exact on exact poses, accurate on noisy ones, refusals."""
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 import pytest
@@ -13,8 +15,10 @@ from unwrinkle.models.errors import InputError
 from unwrinkle.models.transforms import inverse, pose
 from unwrinkle.perception.calibration.hand_eye import (
     angle_between,
+    daniilidis,
     mean_pose,
     outlying,
+    park_martin,
     solve_hand_eye,
     tsai_lenz,
     turn_spread,
@@ -63,25 +67,65 @@ def test_solution_has_camera_board_and_agreement() -> None:
     assert found.spread[1] > np.radians(15.0)
 
 
-def test_tsai_is_as_good_as_opencvs_park() -> None:
-    """Mean errors over many noisy cases; facts: Tsai 3.1 mdeg, Park 5.8 mdeg at 0.1 mrad noise."""
+def _by_opencv(mounts: list[Pose], X_CT: list[Pose], method: int) -> Pose:
+    R, p = cv2.calibrateHandEye(
+        [X[:3, :3] for X in mounts],
+        [X[:3, 3] for X in mounts],
+        [X[:3, :3] for X in X_CT],
+        [X[:3, 3] for X in X_CT],
+        method=method,
+    )
+    return pose(R, np.ravel(p))
+
+
+@pytest.mark.skipif(not hasattr(cv2, "calibrateHandEye"), reason="OpenCV 5 has none")
+@pytest.mark.parametrize(
+    ("method", "code", "noise", "tolerance"),
+    [
+        (tsai_lenz, "TSAI", 0.0, 1e-12),  # with noise, OpenCV's weighs the pairs differently
+        (park_martin, "PARK", 0.0, 1e-12),
+        (park_martin, "PARK", 1e-3, 1e-12),
+        (daniilidis, "DANIILIDIS", 0.0, 1e-12),
+        (daniilidis, "DANIILIDIS", 1e-3, 1e-12),
+    ],
+)
+def test_methods_are_opencvs(
+    method: Callable[[list[Pose], list[Pose]], Pose], code: str, noise: float, tolerance: float
+) -> None:
+    rng = np.random.default_rng(9)
+    for mounts in ([_random_pose(rng, 0.6) for _ in range(15)], _pan_tilt(rng)):
+        X_CT = _looks(mounts, _random_pose(rng, 1.5, 0.1), _random_pose(rng), rng, noise)
+        wanted = _by_opencv(mounts, X_CT, getattr(cv2, f"CALIB_HAND_EYE_{code}"))
+        np.testing.assert_allclose(method(mounts, X_CT), wanted, atol=tolerance)
+
+
+def test_tsai_is_as_good_as_park() -> None:
+    """Mean errors over many noisy cases."""
     rng = np.random.default_rng(2)
     errors = np.zeros((30, 2))
     for row in errors:
         X_MC, X_BT = _random_pose(rng, 1.5, 0.1), _random_pose(rng)
         mounts = [_random_pose(rng, 0.6) for _ in range(15)]
         X_CT = _looks(mounts, X_MC, X_BT, rng, 1e-4)
-        R, p = cv2.calibrateHandEye(
-            [X[:3, :3] for X in mounts],
-            [X[:3, 3] for X in mounts],
-            [X[:3, :3] for X in X_CT],
-            [X[:3, 3] for X in X_CT],
-            method=cv2.CALIB_HAND_EYE_PARK,
-        )
-        row[:] = [angle_between(X, X_MC) for X in (tsai_lenz(mounts, X_CT), pose(R, np.ravel(p)))]
+        row[:] = [angle_between(method(mounts, X_CT), X_MC) for method in (tsai_lenz, park_martin)]
     ours, parks = np.degrees(errors.mean(axis=0))
     assert ours < 0.004
     assert ours < 1.2 * parks
+
+
+def test_park_refuses_poses_of_the_camera_in_place_of_the_boards() -> None:
+    """Inverse poses turn the other way: the rotation vectors are mirrored."""
+    rng = np.random.default_rng(4)
+    mounts = [_random_pose(rng, 0.6) for _ in range(9)]
+    X_CT = _looks(mounts, _random_pose(rng, 0.3, 0.1), _random_pose(rng, 0.3), rng)
+    with pytest.raises(InputError, match="mirror"):
+        park_martin(mounts, [inverse(X) for X in X_CT])
+
+
+def test_daniilidis_refuses_a_mount_that_stands_still() -> None:
+    rng = np.random.default_rng(1)
+    with pytest.raises(InputError, match="turn the mount"):
+        daniilidis([_random_pose(rng)] * 9, [_random_pose(rng)] * 9)
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -120,7 +164,7 @@ def test_methods_that_disagree_are_refused() -> None:
     rng = np.random.default_rng(6)
     mounts = _pan_tilt(rng)
     X_CT = _looks(mounts, _random_pose(rng, 1.5, 0.1), _random_pose(rng), rng)
-    with pytest.raises(InputError, match="methods disagree"):
+    with pytest.raises(InputError, match="may not belong to the images"):
         solve_hand_eye(mounts, X_CT[::-1])
 
 

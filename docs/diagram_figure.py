@@ -1,5 +1,9 @@
-"""Draw the flattening diagram from its connections."""
+"""Draw the flattening diagram from its connections.
 
+Run: python docs/diagram_figure.py docs/diagram.svg
+"""
+
+import sys
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,11 +13,13 @@ from typing import Any
 from unwrinkle.models.io.files import atomic_path
 from unwrinkle.systems.diagram import (
     ANALYSIS,
+    IMAGE_WIRES,
     PERCEPTION,
     PLANNER,
     STATION,
     SUPERVISOR,
     VERIFICATION,
+    WIRES,
     Link,
 )
 
@@ -139,3 +145,7 @@ def _draw_links(axes: Any, pair: frozenset[str], group: list[Link]) -> None:
 def _arrow(axes: Any, begin: tuple[float, float], end: tuple[float, float]) -> None:
     arrow = {"arrowstyle": "-|>", "color": "#444444", "lw": 1.1, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", xy=end, xytext=begin, arrowprops=arrow)
+
+
+if __name__ == "__main__":
+    draw_diagram([Link(*wire) for wire in (*WIRES, *IMAGE_WIRES["stereo"])], sys.argv[1])
