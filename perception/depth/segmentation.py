@@ -18,7 +18,9 @@ from unwrinkle.models.errors import InsufficientViewError, NoGarmentError
 from unwrinkle.perception.depth.color_registration import align_colour
 from unwrinkle.perception.sensor import NoiseProfile
 
-#: Width of the image that GrabCut works on, pixels.
+#: Width of the image that GrabCut works on, pixels: for the competing cuts, of which the best only
+#: starts or aligns the last one, and for that.
+_FIRST_WIDTH_PX = 160
 _WORK_WIDTH_PX = 320
 
 #: Threads for the competing cuts.
@@ -182,8 +184,8 @@ def _resize(mask: Mask, size: tuple[int, int]) -> Mask:
     return np.asarray(resized) > 0
 
 
-def _small(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    scale = min(1.0, _WORK_WIDTH_PX / image.shape[1])
+def _small(image: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    scale = min(1.0, width / image.shape[1])
     size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
@@ -207,15 +209,15 @@ def _grab_cut_first(colour: NDArray[np.uint8], core: Mask, mask: Mask, seed: int
     more likely in the core than in the surroundings), and the cut with the strongest edges along
     its outline is kept.
     """
-    small = _small(colour)
+    small = _small(colour, _FIRST_WIDTH_PX)
     size = (small.shape[1], small.shape[0])
-    inside = cv2.erode(_resize(core, size).astype(np.uint8), _disc(8)) > 0
-    if np.count_nonzero(inside) < 200:
-        inside = cv2.erode(_resize(core, size).astype(np.uint8), _disc(4)) > 0
-    outside = cv2.dilate(_resize(mask, size).astype(np.uint8), _disc(10)) == 0
+    inside = cv2.erode(_resize(core, size).astype(np.uint8), _disc(4)) > 0
+    if np.count_nonzero(inside) < 50:
+        inside = cv2.erode(_resize(core, size).astype(np.uint8), _disc(2)) > 0
+    outside = cv2.dilate(_resize(mask, size).astype(np.uint8), _disc(5)) == 0
     lab = cv2.cvtColor(small, cv2.COLOR_RGB2LAB)
     ratio = _density(lab, inside) / (_density(lab, outside) + 1e-9)
-    sure = cv2.erode(inside.astype(np.uint8), _disc(4)) > 0
+    sure = cv2.erode(inside.astype(np.uint8), _disc(2)) > 0
 
     def cut(start: Mask) -> tuple[float, Mask]:
         labels = np.where(start, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
@@ -227,8 +229,13 @@ def _grab_cut_first(colour: NDArray[np.uint8], core: Mask, mask: Mask, seed: int
     with ThreadPoolExecutor(_WORKERS) as pool:  # OpenCV's random state is per thread
         score, best = max(pool.map(cut, starts), key=lambda scored: scored[0])
     if score <= -1.0:
-        best = np.zeros(small.shape[:2], dtype=bool)
-    return _resize(best, (colour.shape[1], colour.shape[0]))
+        return np.zeros(colour.shape[:2], dtype=bool)
+    fine = _small(colour, _WORK_WIDTH_PX)
+    size = (fine.shape[1], fine.shape[0])
+    labels = np.where(_resize(best, size), cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    labels[_resize(sure, size)] = cv2.GC_FGD
+    refined = one_piece(_run_grab_cut(fine, labels, seed))
+    return _resize(refined, (colour.shape[1], colour.shape[0]))
 
 
 def _edge_strength(lab: NDArray[Any], mask: Mask) -> float:
@@ -259,7 +266,7 @@ def _density(lab: NDArray[Any], where: NDArray[np.bool_]) -> NDArray[np.float32]
 
 def _grab_cut(image: NDArray[np.uint8], core: Mask, mask: Mask, pictured: Mask, seed: int) -> Mask:
     """Segment a registered colour image; fixed labels far outside the prior and in its core."""
-    small = _small(image)
+    small = _small(image, _WORK_WIDTH_PX)
     size = (small.shape[1], small.shape[0])
     prior = _resize(mask, size)
     labels = np.full(small.shape[:2], cv2.GC_BGD, dtype=np.uint8)

@@ -60,6 +60,7 @@ def fit_table(
     profile: NoiseProfile,
     *,
     exclude: NDArray[np.bool_] | None = None,
+    start: TableFit | None = None,
     seed: int = 0,
     name: str = "capture",
 ) -> TableFit:
@@ -70,6 +71,7 @@ def fit_table(
         camera: intrinsics of the depth image.
         profile: noise of the sensor, and the kind of bias to remove.
         exclude: (h, w) bool, readings on the garment, left out of the fit.
+        start: an earlier fit of the same depth image, in place of the consensus.
         seed: of the consensus sampling.
         name: of the capture, for messages.
 
@@ -91,7 +93,10 @@ def fit_table(
     inverse = 1.0 / np.asarray(depth, dtype=float)[rows, columns]
     rays = np.column_stack([x[rows, columns], y[rows, columns], np.ones(rows.size)])
     band = max(2.0 * profile.depth_noise, 0.001)
-    plane = _consensus(rays, inverse, band, rng)
+    if start is None:
+        plane = _consensus(rays, inverse, band, rng)
+    else:
+        plane = -start.normal_C / start.distance
     fitted = None
     for _ in range(8):
         height = _heights(rays, inverse, plane)
@@ -173,21 +178,24 @@ def _bias(
         return bias
     limit = band * level**2  # a height of `band` as a change of inverse depth
     ny, nx = residual.shape
-    v, u = np.linspace(-1.0, 1.0, ny)[:, None], np.linspace(-1.0, 1.0, nx)
-    powers = [
-        (i, j) for i in range(profile.bias_degree + 1) for j in range(profile.bias_degree + 1 - i)
-    ]
+    degree = profile.bias_degree
+    powers = np.arange(degree + 1)
+    v = np.linspace(-1.0, 1.0, ny)[:, None] ** powers
+    u = np.linspace(-1.0, 1.0, nx)[:, None] ** powers
+    terms = np.nonzero(powers[:, None] + powers <= degree)  # exponents of v, of u
     step = max(1, int(np.sqrt(residual.size / _MAX_FIT_READINGS)))
     thin = (slice(None, None, step), slice(None, None, step))
+    basis = v[::step, None, terms[0]] * u[::step, terms[1]]
+    weights = np.zeros((degree + 1, degree + 1))
     for _ in range(4):
         rest = residual - bias
         on = usable & (rest < limit) & (rest > -2.0 * limit)
-        if profile.bias_degree >= 2:
-            chosen = on[thin]
-            basis = np.column_stack([(u[::step] ** i * v[::step] ** j)[chosen] for i, j in powers])
-            weights = np.linalg.lstsq(basis, rest[thin][chosen], rcond=None)[0]
-            for (i, j), weight in zip(powers, weights, strict=True):
-                bias += (weight * u**i) * v**j
+        if degree >= 2:
+            chosen = basis[on[thin]]
+            # The normal equations are well conditioned: few powers of numbers within -1 and 1.
+            moments = chosen.T @ rest[thin][on[thin]]
+            weights[terms] = np.linalg.lstsq(chosen.T @ chosen, moments, rcond=None)[0]
+            bias += v @ weights @ u.T
         if profile.column_bias:
             bias += _columns(np.where(on, residual - bias, np.nan))
     return bias
@@ -199,9 +207,9 @@ def _columns(rest: NDArray[np.float64]) -> NDArray[np.float64]:
     good = count >= _MIN_COLUMN_FRACTION * rest.shape[0]
     if np.count_nonzero(good) < 2:
         return np.zeros((1, rest.shape[1]))
-    ordered, middle = np.sort(rest[:, good], axis=0), count[good]  # NaN last
+    ordered, middle = np.sort(rest.T[good], axis=1), count[good]  # NaN last
     each = np.arange(middle.size)
-    medians = 0.5 * (ordered[(middle - 1) // 2, each] + ordered[middle // 2, each])
+    medians = 0.5 * (ordered[each, (middle - 1) // 2] + ordered[each, middle // 2])
     at = np.arange(rest.shape[1])
     offsets = np.interp(at, at[good], medians)
     return np.convolve(np.pad(offsets, 2, mode="edge"), np.full(5, 0.2), mode="valid")[None, :]

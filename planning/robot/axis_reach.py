@@ -13,7 +13,14 @@ from typing import TypeGuard
 import numpy as np
 from pydrake.geometry import Box, Capsule, Cylinder, Role, SceneGraphInspector, Shape, Sphere
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, Joint, PrismaticJoint, RevoluteJoint, RigidBody
+from pydrake.multibody.tree import (
+    BodyIndex,
+    Joint,
+    JointIndex,
+    PrismaticJoint,
+    RevoluteJoint,
+    RigidBody,
+)
 
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell, scoped
@@ -59,14 +66,14 @@ class _Link:
         """Bound the distance between the axis and any shape that it moves, m."""
         most = self.off_axis
         for link, p_F, axis_F in self.next:
-            away = _distance(p_F, self.axis_F)
+            away = float(_distance(p_F, self.axis_F))
             sine = float(np.linalg.norm(np.cross(self.axis_F, axis_F)))
             most = max(most, away + link.radius)
             for centre, radius in link.balls():
-                off = _distance(centre, link.axis_F)
+                off = float(_distance(centre, link.axis_F))
                 if off < _ON_AXIS:
                     fixed = p_F + float(centre @ link.axis_F) * axis_F
-                    most = max(most, _distance(fixed, self.axis_F) + radius)
+                    most = max(most, float(_distance(fixed, self.axis_F)) + radius)
                 else:
                     # The centre circles about the next axis, which leans against this one by a
                     # fixed angle.
@@ -99,6 +106,7 @@ class _LinkBuilder:
         self._context = self._plant.CreateDefaultContext()
         self._axes = set(cell.robot.axes)
         self._stroke = cell.limits.gripper.stroke
+        self._links: dict[JointIndex, _Link] = {}
         self._outboard: dict[BodyIndex, list[Joint]] = {}
         for index in self._plant.GetJointIndices():
             joint = self._plant.get_joint(index)
@@ -112,6 +120,12 @@ class _LinkBuilder:
         return self._build(joint)
 
     def _build(self, joint: RevoluteJoint) -> _Link:
+        """Return the link of a joint, built once."""
+        if joint.index() not in self._links:
+            self._links[joint.index()] = self._built(joint)
+        return self._links[joint.index()]
+
+    def _built(self, joint: RevoluteJoint) -> _Link:
         link = _Link(np.asarray(joint.revolute_axis()))
         X_FW = joint.frame_on_child().CalcPoseInWorld(self._context).inverse()
         bodies = list(self._rigid(joint.child_body()))
@@ -129,9 +143,8 @@ class _LinkBuilder:
                 away = np.linalg.norm(X_FB.translation()) + np.linalg.norm(X_BG.translation())
                 link.radius = max(link.radius, float(away) + _shape_radius(shape) + stroke)
                 points, extra = _core(shape)
-                for point in (X_FB @ X_BG @ points.T).T:
-                    off = _distance(point, link.axis_F) + extra
-                    link.off_axis = max(link.off_axis, off + stroke)
+                off = _distance((X_FB @ X_BG @ points.T).T, link.axis_F) + extra
+                link.off_axis = max(link.off_axis, float(off.max()) + stroke)
         for outboard in inner:
             if self._is_axis(outboard):
                 X_FK = X_FW @ outboard.frame_on_parent().CalcPoseInWorld(self._context)
@@ -151,9 +164,9 @@ class _LinkBuilder:
                 yield from self._rigid(joint.child_body())
 
 
-def _distance(point: Array, axis: Array) -> float:
-    """Distance of a point (3,) from the line through the origin along a unit axis (3,)."""
-    return float(np.linalg.norm(np.cross(axis, point)))
+def _distance(points: Array, axis: Array) -> Array:
+    """Distances (...,) of points (..., 3) from the line through the origin along a unit axis."""
+    return np.asarray(np.linalg.norm(np.cross(axis, points), axis=-1))
 
 
 def _core(shape: Shape) -> tuple[Array, float]:

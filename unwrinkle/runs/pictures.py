@@ -157,6 +157,7 @@ def _frame(axes: Axes, range_map: RangeMap) -> None:
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
     axes.tick_params(labelsize=8)
+    axes.locator_params(nbins=5)  # each tick takes over a millisecond to draw
     width = x_max - x_min
     bar = max(size for size in (0.01, 0.02, 0.05, 0.1, 0.2) if size < 0.3 * width or size == 0.01)
     left, low = x_max - 0.04 * width, y_max - 0.04 * (y_max - y_min)
