@@ -6,13 +6,19 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.alone
-
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
+#: Examples that run virtual devices on the computer's clock.
+IN_REAL_TIME = {"check_a_site", "execute_on_the_virtual_controller"}
 
 
 @pytest.mark.end_to_end
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "example",
+    [
+        pytest.param(path, id=path.stem, marks=[pytest.mark.alone] * (path.stem in IN_REAL_TIME))
+        for path in EXAMPLES
+    ],
+)
 def test_example_runs(example: Path, tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, str(example)], cwd=tmp_path, capture_output=True, text=True, check=False
@@ -24,3 +30,4 @@ def test_example_runs(example: Path, tmp_path: Path) -> None:
 
 def test_there_are_examples() -> None:
     assert len(EXAMPLES) >= 3
+    assert {path.stem for path in EXAMPLES} >= IN_REAL_TIME

@@ -13,8 +13,6 @@ from unwrinkle.models.io.archive import load_archive
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.runs.folder import RunFolder
 
-pytestmark = pytest.mark.alone
-
 SMALL = "Small:\n  station: {garment: {nodes: 60}}\n"
 
 

@@ -1,7 +1,4 @@
-"""The closed loop through the drivers.
-
-Against virtual devices in lockstep, and on devices in real time.
-"""
+"""The closed loop through the drivers, on devices in real time."""
 
 import dataclasses as dc
 import html
@@ -24,7 +21,6 @@ from unwrinkle.hardware.run_log.reader import read_run_log
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.site import CameraSite, PanTiltSite, Site, loopback_site
 from unwrinkle.planning.plan import FlatteningPlan
-from unwrinkle.planning.sent_samples import as_sent
 from unwrinkle.planning.verification.verdict import Verdict
 from unwrinkle.runs.folder import RunFolder
 
@@ -72,34 +68,6 @@ def site(first_look: Path, tmp_path: Path) -> Iterator[Site]:
 
 
 HARDWARE = Choices(station="hardware", scale=0.25, actions=1)
-
-
-@pytest.mark.slow
-@pytest.mark.end_to_end
-def test_an_action_through_the_drivers_in_lockstep(tmp_path: Path) -> None:
-    folder = tmp_path / "run"
-    session = begin_run(
-        Choices(start="ridge", station="loopback", scale=0.25, actions=1), None, folder
-    )
-    ending = session.run()
-    assert ending.status in ("stopped", "flat")
-    run = RunFolder.open(folder)
-    action = run.look(0).action()
-    assert action.outcome == "done" and len(action.arms) == 2
-    assert action.violations == ()
-    assert action.following_error is not None and action.following_error < 1e-3
-    records = read_run_log(folder / "controller-1.jsonl")
-    assert not records.cut
-    assert len(records.commanded.times) > 200 and len(records.measured.times) > 200
-    plan = FlatteningPlan.load(run.look(0).path / "plan.npz")
-    # What was sent at full speed is the plan as it was verified, sample by sample, after a point of
-    # rest.
-    sent, samples = records.commanded, as_sent(plan.segments[0].trajectory)
-    first = np.flatnonzero(sent.numbers == sent.numbers[0])[-len(samples.times) :]
-    np.testing.assert_array_equal(sent.positions[first], samples.positions)
-    np.testing.assert_array_equal(sent.velocities[first], samples.velocities)
-    since = sent.point_times[first] - sent.point_times[first[0]]
-    np.testing.assert_allclose(since, samples.times, atol=1e-9)
 
 
 @pytest.mark.slow
