@@ -55,8 +55,8 @@ def heights_on_grid(
             distance,
         ]
     )
-    weights = np.zeros((_ACCUMULATORS, grid.ny, grid.nx), np.float32)
-    totals = np.zeros((_ACCUMULATORS, grid.ny, grid.nx), np.float32)
+    # The sum of the weights and that of the weighted heights lie side by side in memory.
+    sums = np.zeros((_ACCUMULATORS, grid.ny, grid.nx, 2), np.float32)
     _splat(
         disparity.disparity,
         disparity.valid,
@@ -65,43 +65,48 @@ def heights_on_grid(
         to_cells,
         starts,
         np.array(band),
-        weights,
-        totals,
+        sums,
     )
-    averages, enough = filled_averages(
-        weights.sum(axis=0, dtype=np.float64), totals.sum(axis=0, dtype=np.float64)[None]
-    )
+    weights, totals = np.moveaxis(sums.sum(axis=0, dtype=np.float64), -1, 0)
+    averages, enough = filled_averages(weights, totals[None])
     return averages[0], enough
 
 
 @njit(parallel=True)
-def _splat(disparity, valid, intrinsics, shift, to_cells, starts, band, weights, totals):  # type: ignore[no-untyped-def]
+def _splat(disparity, valid, intrinsics, shift, to_cells, starts, band, sums):  # type: ignore[no-untyped-def]
     height, width = disparity.shape
-    parts, ny, nx = weights.shape
+    parts, ny, nx, _ = sums.shape
     focal, cx, cy, baseline = intrinsics
+    scale, low_end, high_end = focal * baseline, band[0], band[1]
+    per_column = to_cells[:, 0] / focal
     share = (height + parts - 1) // parts
     for part in numba.prange(parts):
+        # Scalars, since the compiler cannot know that writing the sums leaves the arrays alone.
+        a_u, b_u, c_u = per_column[0], per_column[1], per_column[2]
+        a_0, b_0, c_0 = starts[0], starts[1], starts[2]
         for v in range(part * share, min(height, (part + 1) * share)):
             y = (v - cy) / focal
+            a_v = to_cells[0, 1] * y + to_cells[0, 2] - a_u * cx
+            b_v = to_cells[1, 1] * y + to_cells[1, 2] - b_u * cx
+            c_v = to_cells[2, 1] * y + to_cells[2, 2] - c_u * cx
             for u in range(width):
                 if not valid[v, u]:
                     continue
                 over = disparity[v, u] - shift
                 if over <= 0.0:
                     continue
-                z = focal * baseline / over
-                x = (u - cx) / focal
-                column = (to_cells[0, 0] * x + to_cells[0, 1] * y + to_cells[0, 2]) * z + starts[0]
-                row = (to_cells[1, 0] * x + to_cells[1, 1] * y + to_cells[1, 2]) * z + starts[1]
+                z = scale / over
+                column = (a_u * u + a_v) * z + a_0
+                row = (b_u * u + b_v) * z + b_0
                 if not (column >= 0.0 and column < nx - 1 and row >= 0.0 and row < ny - 1):
                     continue
-                tall = (to_cells[2, 0] * x + to_cells[2, 1] * y + to_cells[2, 2]) * z + starts[2]
-                if tall < band[0] or tall > band[1]:
+                tall = (c_u * u + c_v) * z + c_0
+                if tall < low_end or tall > high_end:
                     continue
                 j, i = int(column), int(row)
                 right, low = column - j, row - i
                 for di in range(2):
                     for dj in range(2):
                         weight = (right if dj else 1.0 - right) * (low if di else 1.0 - low)
-                        weights[part, i + di, j + dj] += weight
-                        totals[part, i + di, j + dj] += weight * tall
+                        sums[part, i + di, j + dj, 0] += weight
+                        sums[part, i + di, j + dj, 1] += weight * tall

@@ -62,7 +62,7 @@ def plotted(results: StereoResult, path: Path) -> None:
 def _headline(results: StereoResult) -> str:
     times = results.times
     rows = [
-        ("raw 16 MP pair to map of the table, whole images, median", "2.0 s",
+        ("raw 16 MP pair to map of the table, whole images, median", "1.0 s",
          f"{results.pair_to_map_time_median:.2f} s"),
         ("the same, only what can show the table", "-", f"{times.table_region_median:.2f} s"),
         ("the same with garment, colour, levelled table (`analyse`)", "-",
