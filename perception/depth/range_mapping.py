@@ -153,7 +153,7 @@ def segment_capture(
         name=name,
     )
     near = _grown(segmentation.garment)
-    table = fit_table(depth, camera, profile, exclude=near, start=table, seed=seed, name=name)
+    table = fit_table(depth, camera, profile, exclude=near, seed=seed, name=name)
     return table, segmentation
 
 

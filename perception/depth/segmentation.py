@@ -206,8 +206,8 @@ def _grab_cut_first(colour: NDArray[np.uint8], core: Mask, mask: Mask, seed: int
 
     Depth may show only a part of thin cloth; the rest would then train the background model.
     Therefore GrabCut runs from several starts (the depth mask, and masks of pixels whose colour is
-    more likely in the core than in the surroundings), and the cut with the strongest edges along
-    its outline is kept.
+    more likely in the core than in the surroundings). The cut is kept whose edge strength along its
+    outline, times its overlap with the other cuts, is greatest, and is refined.
     """
     small = _small(colour, _FIRST_WIDTH_PX)
     size = (small.shape[1], small.shape[0])
@@ -227,9 +227,13 @@ def _grab_cut_first(colour: NDArray[np.uint8], core: Mask, mask: Mask, seed: int
 
     starts = [_resize(mask, size), *(odds * ratio > 1.0 for odds in _START_ODDS)]
     with ThreadPoolExecutor(_WORKERS) as pool:  # OpenCV's random state is per thread
-        score, best = max(pool.map(cut, starts), key=lambda scored: scored[0])
-    if score <= -1.0:
+        cuts = [(strength, mask) for strength, mask in pool.map(cut, starts) if strength > 0.0]
+    if not cuts:
         return np.zeros(colour.shape[:2], dtype=bool)
+    # A dark fold alone has stronger edges than the cloth around it, but few starts end there.
+    _, best = max(
+        cuts, key=lambda scored: scored[0] * sum(_overlap(scored[1], other) for _, other in cuts)
+    )
     fine = _small(colour, _WORK_WIDTH_PX)
     size = (fine.shape[1], fine.shape[0])
     labels = np.where(_resize(best, size), cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
@@ -251,6 +255,11 @@ def _edge_strength(lab: NDArray[Any], mask: Mask) -> float:
         return -1.0
     frame = np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).mean()
     return float(np.asarray(near)[outline].mean() * (1.0 - frame))
+
+
+def _overlap(first: Mask, second: Mask) -> float:
+    """Return intersection over union of two masks that are not empty."""
+    return float(np.count_nonzero(first & second) / np.count_nonzero(first | second))
 
 
 def _density(lab: NDArray[Any], where: NDArray[np.bool_]) -> NDArray[np.float32]:

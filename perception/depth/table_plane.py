@@ -60,7 +60,6 @@ def fit_table(
     profile: NoiseProfile,
     *,
     exclude: NDArray[np.bool_] | None = None,
-    start: TableFit | None = None,
     seed: int = 0,
     name: str = "capture",
 ) -> TableFit:
@@ -71,7 +70,6 @@ def fit_table(
         camera: intrinsics of the depth image.
         profile: noise of the sensor, and the kind of bias to remove.
         exclude: (h, w) bool, readings on the garment, left out of the fit.
-        start: an earlier fit of the same depth image, in place of the consensus.
         seed: of the consensus sampling.
         name: of the capture, for messages.
 
@@ -93,10 +91,7 @@ def fit_table(
     inverse = 1.0 / np.asarray(depth, dtype=float)[rows, columns]
     rays = np.column_stack([x[rows, columns], y[rows, columns], np.ones(rows.size)])
     band = max(2.0 * profile.depth_noise, 0.001)
-    if start is None:
-        plane = _consensus(rays, inverse, band, rng)
-    else:
-        plane = -start.normal_C / start.distance
+    plane = _consensus(rays, inverse, band, rng)
     fitted = None
     for _ in range(8):
         height = _heights(rays, inverse, plane)
