@@ -38,8 +38,8 @@ test: lint type
 	cat $(VENV)/tests.log; \
 	exit $$status
 
-smoke: $(VENV)/ready
-	$(BIN)/pytest -m smoke --numprocesses 2
+smoke: $(or $(wildcard $(VENV)/ready),$(VENV)/smoke-ready)
+	$(BIN)/pytest tests/test_smoke.py
 
 lint: $(VENV)/ready
 	$(BIN)/ruff check .
@@ -79,13 +79,21 @@ clean:
 	rm -rf $(VENV) .venv-* build dist out *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-$(VENV)/ready: pyproject.toml constraints.txt
+# An environment with the extra $(1).
+define install
 	@test -n "$(PYTHON)" || { echo "no Python 3.11, 3.12 or 3.13 with venv found; set PYTHON=..." >&2; exit 1; }
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(PIP) install --quiet --constraint constraints.txt pip setuptools
-	$(PIP) install --quiet --constraint constraints.txt --no-build-isolation --editable '.[dev]'
+	$(PIP) install --quiet --constraint constraints.txt --no-build-isolation --editable '.[$(1)]'
 	@$(BIN)/python -c 'import pydrake' || { echo "Drake does not load; on Debian: apt-get install libglib2.0-0" >&2; exit 1; }
 	@touch $@
+endef
+
+$(VENV)/ready: pyproject.toml constraints.txt
+	$(call install,dev)
+
+$(VENV)/smoke-ready: pyproject.toml constraints.txt
+	$(call install,smoke)
 
 $(VENV)/docs-ready: $(VENV)/ready
 	$(PIP) install --quiet --constraint constraints.txt --no-build-isolation --editable '.[docs]'
