@@ -28,12 +28,22 @@ help:
 flatten: $(VENV)/ready
 	$(BIN)/unwrinkle flatten
 
-# Tests that need the computer's clock run one at a time, at a higher priority than the others beside them.
-test: lint type
+# The stubs of Drake 1.58 (Python 3.12 and newer) are good, but for those of its systems framework.
+TYPES = $(shell $(BIN)/python -c 'import sys; print(("pyproject.toml", "$(VENV)/pyproject.toml")[sys.version_info >= (3, 12)])')
+define TYPE_CHECK
+sed 's/"pydrake\.\*"/"pydrake.systems.*", "pydrake.common.value", "pydrake.common.yaml"/' pyproject.toml >$(VENV)/pyproject.toml && \
+	$(BIN)/mypy -p unwrinkle -p benchmarks -p tests.robustness --config-file $(TYPES)
+endef
+
+# Files with tests that need the computer's clock. They run one at a time, at a higher priority than the others beside
+# them; the others begin while types are checked.
+ALONE = $(shell grep -rl --include='test_*.py' 'mark\.alone' tests)
+test: lint
 	nice -n 10 $(BIN)/pytest -m "not alone and not long and not smoke" --numprocesses 2 --dist loadfile >$(VENV)/tests.log 2>&1 & others=$$!; \
 	trap 'kill $$others' INT TERM; \
 	status=0; \
-	$(BIN)/pytest -m "alone and not long" || status=1; \
+	$(TYPE_CHECK) || status=1; \
+	$(BIN)/pytest -m "alone and not long" $(ALONE) || status=1; \
 	wait $$others || status=1; \
 	cat $(VENV)/tests.log; \
 	exit $$status
@@ -46,12 +56,8 @@ lint: $(VENV)/ready
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-cache
 
-# The stubs of Drake 1.58 (Python 3.12 and newer) are good, but for those of its systems framework.
-type: TYPES = $(shell $(BIN)/python -c 'import sys; print(("pyproject.toml", "$(VENV)/pyproject.toml")[sys.version_info >= (3, 12)])')
 type: $(VENV)/ready
-	sed 's/"pydrake\.\*"/"pydrake.systems.*", "pydrake.common.value", "pydrake.common.yaml"/' \
-		pyproject.toml > $(VENV)/pyproject.toml
-	$(BIN)/mypy -p unwrinkle -p benchmarks -p tests.robustness --config-file $(TYPES)
+	$(TYPE_CHECK)
 
 bench: $(VENV)/ready
 	$(PIP) install --quiet --constraint constraints.txt --no-build-isolation --editable '.[bench]'

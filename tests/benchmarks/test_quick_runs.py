@@ -29,8 +29,8 @@ FOUND: dict[str, Callable[[Any], bool]] = {
 }
 
 
-#: Runs of under half a minute; `make bench QUICK=1` runs all.
-SHORT = ("sensitivity", "trajectories")
+#: Runs of a quarter of a minute; `make bench QUICK=1` runs all.
+SHORT = ("sensitivity",)
 
 
 @pytest.mark.parametrize(
