@@ -39,7 +39,8 @@ endef
 # them; the others begin while types are checked.
 ALONE = $(shell grep -rl --include='test_*.py' 'mark\.alone' tests)
 test: lint
-	nice -n 10 $(BIN)/pytest -m "not alone and not long and not smoke" --numprocesses 2 --dist loadfile >$(VENV)/tests.log 2>&1 & others=$$!; \
+	nice -n 10 $(BIN)/pytest -m "not alone and not long and not smoke" --numprocesses 2 --dist loadfile \
+		--no-loadscope-reorder >$(VENV)/tests.log 2>&1 & others=$$!; \
 	trap 'kill $$others' INT TERM; \
 	status=0; \
 	$(TYPE_CHECK) || status=1; \

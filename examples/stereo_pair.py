@@ -10,8 +10,8 @@ from pathlib import Path
 import unwrinkle as uw
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "pair")
-# Two pictures of 4 megapixels, and head.yaml with the angles that they were taken at.
-render = ["render", "--out", str(folder), "--scale", "0.5", "--seed", "7"]
+# Two pictures of one megapixel, and head.yaml with the angles that they were taken at.
+render = ["render", "--out", str(folder), "--scale", "0.25", "--seed", "7"]
 subprocess.run([sys.executable, "-m", "unwrinkle", *render], check=True)
 
 cell = uw.load_cell()

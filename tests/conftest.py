@@ -22,6 +22,13 @@ REPOSITORY = Path(__file__).parents[1]
 _MUCH = 100_000
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Run files with slow tests first, so that one process does not end long after the other."""
+    marks = ("slow", "end_to_end")
+    slow = {item.path for item in items if any(map(item.get_closest_marker, marks))}
+    items.sort(key=lambda item: item.path not in slow)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _own_garbage() -> Iterator[None]:
     """Collect garbage in this thread alone.

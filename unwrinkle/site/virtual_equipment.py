@@ -18,6 +18,8 @@ from unwrinkle.simulation.devices.digital_grippers import VirtualDigitalGrippers
 from unwrinkle.simulation.devices.serial_pan_tilt import PtyPort, VirtualSerialPanTilt
 from unwrinkle.systems.station.loopback.virtual_devices import unit_settings
 
+_LONGEST_CATCH_UP_S = 1.0
+
 
 class VirtualEquipment:
     """Virtual devices that `unwrinkle controller` runs.
@@ -85,7 +87,20 @@ class VirtualEquipment:
         self._reported = self._state_texts()
 
     def step(self, now: float) -> list[str]:
-        """Advance to a time of any monotonic clock, s; return one line for each event."""
+        """Advance to a time of any monotonic clock, s; return one line for each event.
+
+        A call that is late by up to a second sends the feedback that it missed: a robot moves and
+        reports whether this computer is busy or not.
+        """
+        last = now if self._now is None else self._now
+        period = self.controller.settings.feedback_period
+        texts: list[str] = []
+        if now - last <= _LONGEST_CATCH_UP_S:
+            for missed in np.arange(last + period, now, period):
+                texts += self._advance(float(missed))
+        return texts + self._advance(now)
+
+    def _advance(self, now: float) -> list[str]:
         step = 0.0 if self._now is None else max(now - self._now, 0.0)
         self._now = now
         before = self.measured

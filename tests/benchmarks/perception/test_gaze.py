@@ -10,6 +10,9 @@ from benchmarks.perception.gaze.rendered_head import HeadInCell
 from benchmarks.perception.gaze.visual_search import SearchFigures
 from unwrinkle.perception.gaze.vergence import TOLERANCE
 
+#: The others run in `make bench`.
+SHORT = ("gaze, poor calibration", "vergence")
+
 
 @pytest.fixture(scope="module")
 def cell() -> HeadInCell:
@@ -30,7 +33,10 @@ def test_truth_is_the_surface_that_the_eye_sees(cell: HeadInCell) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", list(gaze.CASES))
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(case, marks=[] if case in SHORT else pytest.mark.long) for case in gaze.CASES],
+)
 def test_the_loop_closes_in_the_rendered_cell(cell: HeadInCell, case: str) -> None:
     target, aim = gaze._target(cell)
     row = gaze._start(cell, case, "print", 0, target, aim, np.random.default_rng(1))

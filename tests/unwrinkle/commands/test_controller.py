@@ -4,6 +4,7 @@ import dataclasses as dc
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -13,7 +14,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from unwrinkle.hardware.motoros.messages import Command, Framer, MotionControl, MotionReply, WriteIo
+from unwrinkle.hardware.motoros.messages import (
+    Command,
+    FeedbackBody,
+    Framer,
+    MessageType,
+    MotionControl,
+    MotionReply,
+    WriteIo,
+)
 from unwrinkle.hardware.motoros.tcp_link import TcpLink
 from unwrinkle.models.robot import Cell
 from unwrinkle.models.site import Site, loopback_site
@@ -50,6 +59,26 @@ def test_the_axes_lag_behind_what_is_commanded(equipment: Callable[..., VirtualE
     for k in range(100):
         virtual.step(10.1 + 0.01 * k)
     np.testing.assert_allclose(virtual.measured, home, atol=1e-6)
+
+
+def test_a_late_step_sends_the_feedback_that_it_missed(
+    equipment: Callable[..., VirtualEquipment],
+) -> None:
+    """A busy computer delays feedback; it makes none that jumps."""
+    virtual = equipment(lag=0.2)
+    virtual.step(10.0)
+    with closing(
+        TcpLink(socket.create_connection(("127.0.0.1", virtual.server.ports[1])), "state")
+    ) as link:
+        virtual.step(10.01)
+        virtual.measured = virtual.controller.positions + 0.1
+        virtual.step(10.21)
+        assert link.wait(1.0)
+        messages = Framer().feed(link.receive(1 << 16))
+    sets = [FeedbackBody.of(each) for each in messages if each.type == MessageType.JOINT_FEEDBACK]
+    steps = -np.diff([body.positions[0] for body in sets if body.group == 0])
+    assert len(steps) == 7
+    assert 0.0 < steps.max() <= 1.01 * 0.1 * (1.0 - np.exp(-0.025 / 0.2))
 
 
 def test_outputs_close_the_grippers_and_inputs_tell(
