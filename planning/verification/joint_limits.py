@@ -73,6 +73,7 @@ def _check_positions(
                 nearest,
                 (float(low[i] - lower), float(low[i]), float(lower), name, float(leg.times[i])),
                 (float(upper - high[j]), float(high[j]), float(upper), name, float(leg.times[j])),
+                key=_margin,
             )
         margin, value, limit, _, time = nearest
         if not margin >= -TOLERANCE:
@@ -82,9 +83,18 @@ def _check_positions(
                 f"by {-margin:.2g} rad",
                 time,
             )
-        worst = min(worst, nearest)
+        worst = min(worst, nearest, key=_margin)
     margin, value, limit, name, time = worst
     found.check("position", value, limit, margin, "rad", name, time)
+
+
+def _margin(row: tuple[float, float, float, str, float]) -> float:
+    # What is no number is the worst: no comparison with it is true.
+    return -np.inf if np.isnan(row[0]) else row[0]
+
+
+def _ratio(row: tuple[float, float, float, str, float]) -> float:
+    return np.inf if np.isnan(row[0]) else row[0]
 
 
 def _check_ratios(
@@ -95,15 +105,16 @@ def _check_ratios(
     axes: Sequence[str],
     found: Findings,
 ) -> None:
-    worst = (-1.0, "", 0.0)
+    worst = (-1.0, 0.0, 0.0, "", 0.0)
     for axis, label in enumerate(axes):
-        ratio, value, limit, time = -1.0, 0.0, 0.0, 0.0
+        greatest = (-1.0, 0.0, 0.0, label, 0.0)
         for leg, v, bound in zip(legs, values, limits, strict=True):
             allowed = np.broadcast_to(bound, v.shape)[:, axis]
             i = int(np.argmax(v[:, axis] / allowed))  # the first NaN, where there is one
-            if not v[i, axis] / allowed[i] <= ratio:
-                ratio, value = float(v[i, axis] / allowed[i]), float(v[i, axis])
-                limit, time = float(allowed[i]), float(leg.times[i])
+            value, limit = float(v[i, axis]), float(allowed[i])
+            row = (float(v[i, axis] / allowed[i]), value, limit, label, float(leg.times[i]))
+            greatest = max(greatest, row, key=_ratio)
+        ratio, value, limit, _, time = greatest
         if not ratio <= 1.0 + TOLERANCE:
             unit = _UNITS.get(name, "rad/s²")
             found.fail(
@@ -112,6 +123,6 @@ def _check_ratios(
                 f"{ratio:.4f} times its limit {limit:.4g} {unit}",
                 time,
             )
-        worst = max(worst, (ratio, label, time))
-    ratio, label, time = worst
+        worst = max(worst, greatest, key=_ratio)
+    ratio, _, _, label, time = worst
     found.check(name, ratio, 1.0, 1.0 - ratio, "", label, time)
