@@ -1,5 +1,6 @@
 """The verification's own parts against brute force, and unchanged plans that all pass."""
 
+import dataclasses as dc
 import json
 from collections.abc import Callable
 
@@ -25,6 +26,7 @@ from unwrinkle.models.robot import Cell
 from unwrinkle.perception.target import FlatteningTarget
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.search.planner import FlatteningPlanner
+from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.planning.verification.clearance import _pair_speeds
 from unwrinkle.planning.verification.joint_limits import JUMP_FACTOR
 from unwrinkle.planning.verification.model import CellModel
@@ -35,7 +37,7 @@ from unwrinkle.planning.verification.speed_bounds import (
     distances_to_axes,
     speed_bounds,
 )
-from unwrinkle.planning.verification.verdict import CHECKS
+from unwrinkle.planning.verification.verdict import CHECKS, NEAR_BY_DESIGN
 from unwrinkle.planning.verification.verifier import verify
 
 Targets = Callable[[int, int], list[FlatteningTarget]]
@@ -365,6 +367,42 @@ def test_verdict_can_be_read(plan: FlatteningPlan, cell: Cell) -> None:
     assert plan.content_hash[:12] in verdict.summary()
     with pytest.raises(KeyError):
         verdict.check("nonsense")
+
+
+def test_a_check_of_clearances_is_that_of_the_pair_with_the_smallest_margin(
+    plan: FlatteningPlan, cell: Cell
+) -> None:
+    verdict = verify(plan, cell)
+    assert [pair.margin for pair in verdict.clearances] == sorted(
+        pair.margin for pair in verdict.clearances
+    )
+    free = [pair for pair in verdict.clearances if pair.kind not in NEAR_BY_DESIGN]
+    fingers = [pair for pair in verdict.clearances if pair.kind == "finger-table"]
+    for name, (pair, *_) in (("clearance", free), ("finger_table", fingers)):
+        check = verdict.check(name)
+        assert (check.limit, check.margin) == (pair.required, pair.margin)
+        assert check.value == pytest.approx(pair.required + pair.margin)
+        assert (check.unit, check.where) == ("m", " - ".join(pair.bodies))
+        assert check.time is not None and 0.0 <= check.time <= plan.segments[-1].end
+
+
+def test_a_plan_whose_motion_cannot_be_looked_at_has_no_clearances(
+    plan: FlatteningPlan, cell: Cell
+) -> None:
+    first, *others = plan.segments
+    track = first.trajectory
+    wild = Trajectory(track.times, track.positions + 9.0, track.velocities)
+    long = Trajectory(
+        track.times + 1e4 * np.arange(len(track.times)), track.positions, track.velocities
+    )
+    for segments in (
+        (),
+        (dc.replace(first, trajectory=wild), *others),
+        (dc.replace(first, trajectory=long), *others),
+    ):
+        verdict = verify(dc.replace(plan, segments=segments), cell)
+        assert not verdict.passed
+        assert (verdict.clearances, verdict.elsewhere, verdict.queries) == ((), 0.0, 0)
 
 
 def test_single_arm_plan_passes(
