@@ -1,5 +1,6 @@
 """Legs, tool motions and a plan at rest, built from a few numbers."""
 
+import dataclasses as dc
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -11,7 +12,7 @@ from unwrinkle.planning.plan import ArmChoice, FlatteningPlan, GripperEvent, Pos
 from unwrinkle.planning.trajectory import Trajectory
 from unwrinkle.planning.verification.motion import JOINTS, Leg
 from unwrinkle.planning.verification.tools import ToolLeg, ToolMotion
-from unwrinkle.planning.verification.verdict import Findings
+from unwrinkle.planning.verification.verdict import Check, Findings
 
 #: Axes of a plan.
 AXES = 13
@@ -123,6 +124,13 @@ def resting_plan(cell: Cell, target: FlatteningTarget) -> FlatteningPlan:
     )
 
 
+def alone(plan: FlatteningPlan, arm: int) -> FlatteningPlan:
+    """The plan in which the other arm takes no part."""
+    arms: list[ArmChoice | None] = [None, None]
+    arms[arm] = plan.arms[arm]
+    return dc.replace(plan, arms=(arms[0], arms[1]))
+
+
 def found_by(check: Callable[..., object], *values: object) -> Findings:
     """What a check finds."""
     found = Findings()
@@ -133,6 +141,11 @@ def found_by(check: Callable[..., object], *values: object) -> Findings:
 def kinds_of(found: Findings) -> set[str]:
     """The kinds of violation."""
     return {violation.kind for violation in found.violations}
+
+
+def result(found: Findings, name: str) -> Check:
+    """The check of that name."""
+    return next(check for check in found.checks() if check.name == name)
 
 
 def times_of(found: Findings, kind: str) -> list[float | None]:

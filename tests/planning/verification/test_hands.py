@@ -8,14 +8,14 @@ import pytest
 
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.robot import Cell
-from unwrinkle.planning.plan import ArmChoice, FlatteningPlan
+from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.planning.verification import hands
 from unwrinkle.planning.verification.hands import check_hands
 from unwrinkle.planning.verification.model import CellModel
 from unwrinkle.planning.verification.tools import ToolLeg, ToolMotion
-from unwrinkle.planning.verification.verdict import Check, Findings
+from unwrinkle.planning.verification.verdict import Findings
 
-from .built import TABLE, found_by, kinds_of, leg, times_of, tool, tool_leg
+from .built import TABLE, alone, found_by, kinds_of, leg, result, times_of, tool, tool_leg
 
 TIMES = (2.5, 3.0, 3.5)
 STILL = np.tile([0.3, -1.0, TABLE], (3, 1))
@@ -44,16 +44,6 @@ def pair(arm: int, own: ToolMotion, name: str, *, held: bool = True) -> ToolLeg:
 def carried(right: ToolMotion, left: ToolMotion) -> ToolLeg:
     """A leg that is no segment of the plan, in which cloth is held."""
     return tool_leg(right, left, leg(right.times, name="carry", held=True))
-
-
-def alone(plan: FlatteningPlan, arm: int) -> FlatteningPlan:
-    arms: list[ArmChoice | None] = [None, None]
-    arms[arm] = plan.arms[arm]
-    return dc.replace(plan, arms=(arms[0], arms[1]))
-
-
-def result(found: Findings, name: str) -> Check:
-    return next(check for check in found.checks() if check.name == name)
 
 
 def expect(

@@ -24,9 +24,9 @@ from unwrinkle.planning.verification.structure import (
     check_speed,
     check_structure,
 )
-from unwrinkle.planning.verification.verdict import Check, Findings
+from unwrinkle.planning.verification.verdict import Findings
 
-from .built import AXES, found_by, kinds_of, times_of
+from .built import AXES, found_by, kinds_of, result, times_of
 
 HOME = np.zeros(AXES)
 
@@ -61,10 +61,6 @@ def arm(plan: FlatteningPlan, index: int, **changes: Any) -> FlatteningPlan:
     assert choice is not None
     arms[index] = dc.replace(choice, **changes)
     return dc.replace(plan, arms=(arms[0], arms[1]))
-
-
-def result(found: Findings, name: str) -> Check:
-    return next(check for check in found.checks() if check.name == name)
 
 
 # Clock, poses, contact windows.
