@@ -12,7 +12,7 @@ import numpy as np
 
 from unwrinkle.flattening import policy
 from unwrinkle.flattening.capture_to_observation import StereoCapture, map_of, observation_of
-from unwrinkle.flattening.observation import Observation
+from unwrinkle.flattening.observation import Observation, WrinkleFeatures
 from unwrinkle.flattening.policy import Policy, PolicyState, PullDecision, Stop
 from unwrinkle.models.arrays import Array
 from unwrinkle.models.errors import InputError
@@ -30,6 +30,10 @@ if TYPE_CHECKING:
     from unwrinkle.flattening.verified_planning import VerifiedResult
     from unwrinkle.planning.search.planner import FlatteningPlanner
     from unwrinkle.planning.search.settings import PlannerSettings
+
+#: Greatest difference of the table that is seen from the cell's at which a plan is made, m; a grasp
+#: that is further above the table is refused by the verification.
+_TABLE_TOLERANCE = 8e-3
 
 
 @dataclass(frozen=True)
@@ -243,6 +247,12 @@ class Flattener:
         """
         _check_type(cell, Cell, "Flattener", "a cell, as `load_cell` returns it")
         self.cell = cell
+        if isinstance(policy, type) or not callable(getattr(policy, "decide", None)):
+            given = policy.__name__ if isinstance(policy, type) else type(policy).__name__
+            raise InputError(
+                f"Flattener: the policy {given} cannot be asked; give an object with the method "
+                "`decide(features, state, rules)`"
+            )
         self.rules = cell.scenario.loop if rules is None else rules
         self._profile, self._settings, self._policy = profile, settings, policy
 
@@ -314,8 +324,9 @@ class Flattener:
             state: of the policy after earlier looks and actions.
 
         Raises:
-            InputError: the start is no configuration, `arms` is none of the three, or the policy
-                chose what was refused.
+            InputError: the start is no configuration, `arms` is none of the three, the garment
+                lies on a table of another height than the cell's, or the policy chose what was
+                refused.
         """
         _check_type(observation, Observation, "propose", "an observation, as `observe` returns it")
         if isinstance(start, str):
@@ -328,6 +339,7 @@ class Flattener:
             if arms not in policy.ARMS:
                 raise InputError(f"arms must be one of {', '.join(policy.ARMS)}, got {arms!r}")
             rules = dc.replace(rules, arms=arms)
+        _check_table(observation, self.cell)
         state = state or PolicyState()
         refusals: tuple[Refusal, ...] = ()
         while True:
@@ -343,6 +355,22 @@ class Flattener:
             reason = found.reason
             refusals += (Refusal(decision.wrinkle.index, decision.arms, reason),)
             state = policy.after_refusal(choice.state, decision, reason)
+
+
+def _check_table(observation: Observation, cell: Cell) -> None:
+    """Refuse a garment that lies above or below the cell's table.
+
+    Raises:
+        InputError: with both heights.
+    """
+    seen, own = observation.analysis.range_map.table_height, cell.table.height
+    if not abs(seen - own) <= _TABLE_TOLERANCE:
+        side = "above" if seen > own else "below"
+        raise InputError(
+            f"the table is seen {1e3 * abs(seen - own):.0f} mm {side} the cell's (at {seen:.3f} m, "
+            f"the cell's at {own:.3f} m): check the camera's pose (the camera in the world, in "
+            "metres), or the table of the scenario"
+        )
 
 
 def _check_decision(
@@ -362,9 +390,10 @@ def _check_decision(
         )
     wrinkle, arms = decision.wrinkle, decision.arms
     if wrinkle not in observation.features.wrinkles or arms not in policy.ARMS[rules.arms]:
+        what = f"wrinkle {wrinkle.index + 1}" if isinstance(wrinkle, WrinkleFeatures) else wrinkle
         raise InputError(
-            f"policy: decided wrinkle {wrinkle.index + 1} with arms {arms!r}; give a wrinkle of "
-            f"the observation, and {' or '.join(policy.ARMS[rules.arms])}"
+            f"policy: decided {what!r} with arms {arms!r}; give a wrinkle of "
+            f"`features.wrinkles`, and {' or '.join(policy.ARMS[rules.arms])}"
         )
     for refusal in refused:
         if (refusal.wrinkle, refusal.arms) == (wrinkle.index, arms):

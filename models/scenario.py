@@ -380,6 +380,8 @@ def load_scenario(
     """
     path = shipped_scenario() if path is None else Path(path)
     names = scenario_names(path)
+    if path.name.endswith(".site.yaml"):
+        raise InputError(f"{path}: is a site; a scenario's name ends in .scenario.yaml")
     if name is None:
         if len(names) != 1:
             raise InputError(f"{path}: name one of its scenarios: {', '.join(names)}")

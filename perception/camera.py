@@ -33,7 +33,7 @@ class Camera:
 
     Raises:
         InputError: a size or focal length is not positive, a number is not finite, the principal
-            point lies far outside the image, or the field of view is below 2 or above 150 degrees.
+            point lies outside the image, or the field of view is below 2 or above 150 degrees.
     """
 
     name: str = ""
@@ -62,9 +62,9 @@ class Camera:
             ("x", self.width, self.fx, self.cx),
             ("y", self.height, self.fy, self.cy),
         ):
-            if not -0.5 * size <= centre <= 1.5 * size:
+            if not -0.5 <= centre <= size - 0.5:
                 raise InputError(
-                    f"{label}: principal point c{axis} = {centre} lies far outside the image "
+                    f"{label}: principal point c{axis} = {centre} lies outside the image "
                     f"of {size} pixels; are the intrinsics of another resolution?"
                 )
             view = degrees(2.0 * atan(0.5 * size / focal))

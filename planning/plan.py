@@ -190,8 +190,9 @@ class FlatteningPlan:
         if self.robot_hash != cell.robot_hash:
             raise InputError(
                 f"the plan was made for another model of the cell ({self.robot_hash[:12]}, here "
-                f"{cell.robot_hash[:12]}): the robot, a table or a clearance has changed; plan "
-                "again"
+                f"{cell.robot_hash[:12]}): name the scenario that it was made in (--scenario, or "
+                "the site's key `scenario`), or plan again where the robot, a table or a clearance "
+                "has changed"
             )
         limits_hash = cell.with_speed(self.speed).limits_hash
         if self.limits_hash != limits_hash:

@@ -244,4 +244,4 @@ def _axes(values: Any) -> list[float]:
 
 def _short(error: Exception) -> str:
     """Describe why a line cannot be read, without its bytes."""
-    return "no text" if isinstance(error, UnicodeError) else repr(error)
+    return "no text; is it a run log?" if isinstance(error, UnicodeError) else repr(error)

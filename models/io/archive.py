@@ -91,6 +91,9 @@ def load_archive(
             not finite.
     """
     path = Path(path)
+    if path.is_dir():
+        inside = ", ".join(sorted(each.name for each in path.glob("*.npz"))[:4])
+        raise InputError(f"{path}: is a folder; name a file in it ({inside or 'it has no .npz'})")
     if not path.is_file():
         raise InputError(f"{path}: no such file; check the name or the folder")
     try:

@@ -2,6 +2,8 @@
 
 import dataclasses
 import datetime
+import difflib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
@@ -48,7 +50,10 @@ def load_yaml(path: str | Path, schema: type[Schema], *, child: str | None = Non
         mirror = _mutable(schema)
         loaded: Any = yaml_load_typed(schema=mirror, data=text, child_name=child)
     except _UNFIT as error:
-        raise InputError(f"{path}: {_one_line(error)}{_where(mirror, text, child)}") from None
+        reason = (
+            _unknown_key(mirror, text, child) or f"{_one_line(error)}{_where(mirror, text, child)}"
+        )
+        raise InputError(f"{path}: {reason}") from None
     try:
         return cast(Schema, _rebuilt(schema, loaded))
     except InputError as error:
@@ -100,7 +105,46 @@ def _one_line(error: Exception) -> str:
         mark: Any = getattr(error, "problem_mark", None)
         where = f" at line {mark.line + 1}" if mark is not None else ""
         return f"is not valid YAML{where}"
+    if isinstance(error, TypeError):
+        return "a value has another form than the key wants, such as a number instead of a list"
     return " ".join(str(error).split()).replace("<string>:", "").strip() or type(error).__name__
+
+
+def _unknown_key(schema: type[Any], text: str, child: str | None) -> str:
+    """Name the first key that the schema does not have, and the nearest ones that it has; empty if
+    there is none.
+    """
+    raw = _mapping(text, child)
+    unknown = next(_unknown_keys(schema, raw), None)
+    if unknown is None:
+        return ""
+    prefix, key, known = unknown
+    near = difflib.get_close_matches(key, known, 3)
+    cure = f"did you mean {' or '.join(near)}?" if near else f"known: {', '.join(known)}"
+    return f"there is no key '{prefix}{key}'; {cure}"
+
+
+def _unknown_keys(schema: Any, raw: Any, prefix: str = "") -> Iterator[tuple[str, str, list[str]]]:
+    """Yield the place, the key, and the keys that there are instead."""
+    if not (isinstance(raw, dict) and dataclasses.is_dataclass(schema)):
+        return
+    hints = get_type_hints(schema)
+    for key, value in raw.items():
+        if key in hints:
+            yield from _unknown_keys(hints[key], value, f"{prefix}{key}.")
+        else:
+            yield prefix, str(key), list(hints)
+
+
+def _mapping(text: str, child: str | None) -> Any:
+    """Return the values of a YAML text, or of one key of it; None where it is no YAML."""
+    try:
+        raw = yaml.safe_load(text)
+    except yaml.YAMLError:
+        return None
+    if child is not None:
+        return raw.get(child) if isinstance(raw, dict) else None
+    return raw
 
 
 def _where(schema: type[Any], text: str, child: str | None) -> str:
@@ -108,13 +152,7 @@ def _where(schema: type[Any], text: str, child: str | None) -> str:
 
     Empty where there are none.
     """
-    try:
-        raw = yaml.safe_load(text)
-    except yaml.YAMLError:
-        return ""
-    if child is not None:
-        raw = raw.get(child) if isinstance(raw, dict) else None
-    keys = _unfit_keys(schema, raw)
+    keys = _unfit_keys(schema, _mapping(text, child))
     hint = (
         "; put it in quotes" if any(isinstance(value, datetime.date) for _, value in keys) else ""
     )

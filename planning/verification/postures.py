@@ -78,14 +78,12 @@ def _check_arm(
     window = cell.scenario.gripper
     low = np.minimum(tilt[working], tilt[working + 1]) - turn
     high = np.maximum(tilt[working], tilt[working + 1]) + turn
-    for margins, angles, bound in (
-        (low - window.tilt_lower, low, window.tilt_lower),
-        (window.tilt_upper - high, high, window.tilt_upper),
-    ):
+    lower, upper = window.tilt_lower - TILT_TOLERANCE, window.tilt_upper + TILT_TOLERANCE
+    for margins, angles, bound in ((low - lower, low, lower), (upper - high, high, upper)):
         i = int(np.argmin(margins))
         margin, worst = float(margins[i]), float(angles[i])
         time = float(tool.times[working[i]])
-        if not margin >= -TILT_TOLERANCE:
+        if not margin >= 0.0:
             found.fail(
                 "tilt",
                 f"the {name} tool is {np.degrees(worst):.1f} degrees below the horizontal at "

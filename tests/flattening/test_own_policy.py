@@ -93,6 +93,22 @@ def test_arms_that_the_caller_excludes_and_other_answers_are_refused(seen: uw.Ob
         uw.Flattener(uw.load_cell(), policy=Silent()).choose(seen)
 
 
+@pytest.mark.parametrize("wrinkle", [1, None, "largest"])
+def test_a_decision_on_what_is_no_wrinkle_is_refused(seen: uw.Observation, wrinkle: object) -> None:
+    class Wrong:
+        def decide(self, *_: object) -> PullDecision:
+            return PullDecision(wrinkle, "dual")  # type: ignore[arg-type]
+
+    with pytest.raises(uw.InputError, match=r"features\.wrinkles"):
+        uw.Flattener(uw.load_cell(), policy=Wrong()).choose(seen)
+
+
+@pytest.mark.parametrize("wrong", [object(), Longest, None])
+def test_what_cannot_decide_is_refused_at_once(wrong: object) -> None:
+    with pytest.raises(uw.InputError, match="decide"):
+        uw.Flattener(uw.load_cell(), policy=wrong)  # type: ignore[arg-type]
+
+
 def test_the_rules_are_the_policy_that_is_left_out(seen: uw.Observation) -> None:
     cell = uw.load_cell()
     left_out, given = (

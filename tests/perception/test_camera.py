@@ -74,6 +74,8 @@ def test_camera_from_yaml(tmp_path: Path) -> None:
         ({"cx": float("inf")}, "finite"),
         ({"cx": 2000.0}, "principal"),
         ({"cy": -900.0}, "principal"),
+        ({"cx": 640.0}, "principal"),
+        ({"cy": -1.0}, "principal"),
         ({"fx": 5.0}, "field of view"),
         ({"fy": 525000.0}, "field of view"),
         ({"width": 0}, "size"),

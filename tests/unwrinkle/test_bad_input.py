@@ -134,16 +134,21 @@ def test_bad_options(run):
     assert "speed" in refused(run, 2, "plan", TOWEL, "--speed", "1.5")
     assert "arms" in refused(run, 2, "plan", TOWEL, "--arms", "both", "--no-pictures")
     Path("site.scenario.yaml").write_text("Lab: {tabel: {}}\n")
-    assert "tabel" in refused(run, 2, "plan", TOWEL, "--scenario", "site.scenario.yaml")
+    message = refused(run, 2, "plan", TOWEL, "--scenario", "site.scenario.yaml")
+    assert "'tabel'; did you mean table" in message
+    Path("lab.site.yaml").write_text("name: lab\n")
+    assert "is a site" in refused(run, 2, "plan", TOWEL, "--scenario", "lab.site.yaml")
+    assert "is a folder" in refused(run, 2, "verify", ".")
+    assert "fraction" in refused(run, 2, "execute", "plan.npz", "--site", "x", "--speed", "50")
     Path("taken").write_text("a file")
     assert "taken" in refused(run, 2, "analyse", TOWEL, "--no-pictures", "--out", "taken")
 
 
-def moved(name: str, x: float, y: float) -> Path:
+def moved(name: str, x: float, y: float, z: float = 0.0) -> Path:
     """Return a capture of the shipped towel with another camera pose."""
     header, arrays = load_archive(TOWEL)
     pose = arrays["X_WC"].copy()
-    pose[:2, 3] += [x, y]
+    pose[:3, 3] += [x, y, z]
     save_archive(name, header, {**arrays, "X_WC": pose})
     return Path(name)
 
@@ -153,6 +158,13 @@ def test_garment_over_the_edge_or_beside_the_table_has_no_plan(run):
     assert "was not seen" in over  # the map ends at the table's edge, as in the closed loop
     away = refused(run, 2, "plan", moved("away.npz", 0.0, -1.5), "--no-pictures")
     assert "the table is not in view" in away
+
+
+@pytest.mark.parametrize(("by", "words"), [(0.012, "mm above"), (-0.046, "mm below")])
+def test_a_table_of_another_height_is_refused_with_the_difference(run, by, words):
+    message = refused(run, 2, "plan", moved("pose.npz", 0.0, 0.0, by), "--no-pictures")
+    assert words in message and "camera's pose" in message
+    assert f"{1e3 * abs(by):.0f} mm" in message
 
 
 @pytest.fixture(scope="module")

@@ -14,6 +14,7 @@ from unwrinkle.commands._shared.capture import (
     SeedOption,
     SensorOption,
     YawOption,
+    check_folder,
     finished_folder,
     flattener_for,
     observed,
@@ -66,9 +67,10 @@ def analyse(
         seed=seed,
     )
     flattener = flattener_for(options, load_cell(load_scenario(scenario, settings=settings or ())))
+    folder = out or options.folder
+    check_folder(folder)
     observation = observed(options, flattener)
     chosen = flattener.choose(observation)
-    folder = out or options.folder
     with finished_folder(folder) as work:
         save_analysis(work, observation, chosen, options, pictures=pictures, singles=True)
     console = Console()

@@ -28,20 +28,23 @@ EXAMPLES = (
 
 def flatten(
     garment: Annotated[
-        str | None, typer.Option(help="towel, dishcloth, tshirt or trousers [the scenario's].")
+        str | None,
+        typer.Option(help="towel, dishcloth, tshirt or trousers (default: the scenario's)."),
     ] = None,
     start: Annotated[
         str | None,
-        typer.Option(help="bunched, ridge, pinched, dropped or flat [the scenario's]."),
+        typer.Option(help="bunched, ridge, pinched, dropped or flat (default: the scenario's)."),
     ] = None,
     texture: Annotated[
-        str | None, typer.Option(help="terry, print or plain [the scenario's].")
+        str | None, typer.Option(help="terry, print or plain (default: the scenario's).")
     ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of all random numbers [0].")] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of all random numbers (default: 0).")
+    ] = None,
     sensor: Annotated[
         str | None,
         typer.Option(
-            help="stereo, xtion, tof, or truth (the simulated cloth itself) [the scenario's]."
+            help="stereo, xtion, tof, or truth: the simulated cloth (default: the scenario's)."
         ),
     ] = None,
     scale: Annotated[
@@ -49,25 +52,28 @@ def flatten(
         typer.Option(help="Scale of the head's pictures: 1 (16 megapixels), 0.5, 0.25 or 0.125."),
     ] = None,
     arms: Annotated[
-        str | None, typer.Option(help="any (two if possible), dual or single [the scenario's].")
+        str | None,
+        typer.Option(help="any (two if possible), dual or single (default: the scenario's)."),
     ] = None,
     mode: Annotated[
         str | None,
-        typer.Option(help="Pull distance: foot (all slack), paper or between [the scenario's]."),
+        typer.Option(
+            help="Pull distance: foot (all slack), paper or between (default: the scenario's)."
+        ),
     ] = None,
     order: Annotated[
         str | None,
         typer.Option(
-            help="Which wrinkle first: volume, pull, height, length or together [the scenario's]."
+            help="First by volume, pull, height, length or together (default: the scenario's)."
         ),
     ] = None,
     actions: Annotated[
-        int | None, typer.Option(min=0, help="Maximum number of actions [the scenario's].")
+        int | None, typer.Option(min=0, help="Maximum number of actions (default: the scenario's).")
     ] = None,
     station: Annotated[
         str | None,
         typer.Option(
-            help="sim, loopback (drivers against virtual devices) or hardware [the scenario's]."
+            help="sim, loopback (drivers, virtual devices) or hardware (default: the scenario's)."
         ),
     ] = None,
     site: Annotated[
@@ -82,7 +88,7 @@ def flatten(
     scenario: ScenarioOption = None,
     settings: SetOption = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the run [out/flatten-GARMENT-SEED].")
+        Path | None, typer.Option(help="Folder for the run (default: out/flatten-GARMENT-SEED).")
     ] = None,
     resume: Annotated[
         Path | None,
@@ -91,11 +97,13 @@ def flatten(
     live: Annotated[
         bool | None,
         typer.Option(
-            "--live/--no-live", help="Show the run in the browser [if there is a terminal]."
+            "--live/--no-live",
+            help="Show the run in the browser (default: if there is a terminal).",
         ),
     ] = None,
     port: Annotated[
-        int | None, typer.Option(help="Port of the live view [the first free one from 7000].")
+        int | None,
+        typer.Option(help="Port of the live view (default: the first free one from 7000)."),
     ] = None,
 ) -> None:
     """Look, plan, verify, pull, and look again until the garment is flat.

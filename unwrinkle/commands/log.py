@@ -51,7 +51,7 @@ def show(path: _LogArgument) -> None:
 def replay(
     path: _LogArgument,
     html: Annotated[
-        Path | None, typer.Option(help="Write the page to this file [beside the log].")
+        Path | None, typer.Option(help="Write the page to this file (default: beside the log).")
     ] = None,
     scenario: _ScenarioOption = None,
     settings: SetOption = None,

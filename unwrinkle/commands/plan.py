@@ -20,6 +20,7 @@ from unwrinkle.commands._shared.capture import (
     SeedOption,
     SensorOption,
     YawOption,
+    check_folder,
     finished_folder,
     flattener_for,
     observed,
@@ -63,10 +64,12 @@ def plan(
     sensor: SensorOption = None,
     mode: ModeOption = None,
     arms: Annotated[
-        str | None, typer.Option(help="any (two if possible), dual or single [the scenario's].")
+        str | None,
+        typer.Option(help="any (two if possible), dual or single (default: the scenario's)."),
     ] = None,
     speed: Annotated[
-        float | None, typer.Option(help="Fraction of the catalogue speed [the scenario's].")
+        float | None,
+        typer.Option(help="Fraction of the catalogue speed (default: the scenario's)."),
     ] = None,
     start: StartOption = None,
     scenario: ScenarioOption = None,
@@ -104,9 +107,10 @@ def plan(
     standing = None if start is None else posture(start, cell.robot)
     flattener = flattener_for(options, cell)
     clock.lap("start")
+    folder = out or options.folder
+    check_folder(folder)
     observation = observed(options, flattener)
     clock.lap("perception")
-    folder = out or options.folder
     proposal = flattener.propose(observation, start=standing, arms=arms)
     if proposal.plan is None:
         _nothing_planned(

@@ -44,7 +44,8 @@ def render(
     gaze_at: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y", help="Point of the table that the head looks at, m [the garment's]."
+            metavar="X,Y",
+            help="Point of the table that the head looks at, m (default: the garment's).",
         ),
     ] = None,
     scenario: ScenarioOption = None,

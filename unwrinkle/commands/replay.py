@@ -27,7 +27,9 @@ def replay(
     ] = None,
     settings: SetOption = None,
     host: Annotated[str, typer.Option(help="Address of the live server; * for all.")] = "localhost",
-    port: Annotated[int | None, typer.Option(help="Port of the live server [first free].")] = None,
+    port: Annotated[
+        int | None, typer.Option(help="Port of the live server (default: first free).")
+    ] = None,
 ) -> None:
     """Write a run's replay and report from its folder, or show the run live."""
     from rich.console import Console

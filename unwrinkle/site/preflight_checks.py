@@ -49,7 +49,8 @@ def check_tips(site: Site, fastest: float, speed: float) -> str:
 
     `fastest` is that at the planned speed, m/s.
     """
-    text, most = f"tips at most {speed * fastest:.2f} m/s", most_speed(site, fastest)
+    most = most_speed(site, fastest)
+    text = f"tool centre points at most {speed * fastest:.2f} m/s, 1 % for times between samples"
     if speed > most:
         raise InputError(
             f"{text}, under commissioning {COMMISSIONING_TIP_SPEED:g} m/s is allowed; give --speed "

@@ -78,7 +78,6 @@ class Nested:
     ("text", "key"),
     [
         ("part: {size: wide}\nsize: 1", "(key part.size)"),
-        ("part: {size: 1, colour: red}", "(key part.colour)"),
         ("size: []\npart: {name: '[]'}", "(key size)"),
         ("size: 1\npart: {size: x, name: x}", "(key part.size)"),
         ("date: 2024-05-01", "(key date; put it in quotes)"),
@@ -88,6 +87,20 @@ def test_the_key_with_the_wrong_value_is_named(tmp_path: Path, text: str, key: s
     with pytest.raises(InputError) as caught:
         load_yaml(_write(tmp_path, text), Nested)
     assert str(caught.value).endswith(key)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("part: {size: 1, colour: red}", "there is no key 'part.colour'; known: size, name"),
+        ("siz: 1", "there is no key 'siz'; did you mean size?"),
+        ("part: {nme: a}\nsize: x", "there is no key 'part.nme'; did you mean name?"),
+    ],
+)
+def test_an_unknown_key_is_named_with_the_known_ones(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_yaml(_write(tmp_path, text), Nested)
+    assert str(caught.value).endswith(words)
 
 
 def test_the_key_of_a_child_is_named(tmp_path: Path) -> None:

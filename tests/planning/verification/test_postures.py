@@ -207,8 +207,9 @@ class TestEdges:
             assert times_of(found, "tilt") == ([3.0] if broken else [])
             check_ = result(found, "tilt")
             assert check_.value == pytest.approx(bound + out * over, abs=1e-9)
-            assert (check_.limit, check_.unit) == (bound, "rad")
-            assert check_.margin == pytest.approx(-over, abs=1e-9)
+            assert check_.limit == pytest.approx(bound + out * 5e-3)
+            assert check_.margin == pytest.approx(5e-3 - over, abs=1e-9)
+            assert check_.unit == "rad"
             assert (check_.where, check_.time) == (f"{ARMS[arm]} tool", 3.0)
 
     def test_a_heading_counts_less_near_the_vertical(

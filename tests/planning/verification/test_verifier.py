@@ -290,6 +290,11 @@ def test_pairs_have_the_right_padding(cell: Cell, model: CellModel) -> None:
         ("turntable::r750", "turntable::mast"),
     ):
         assert frozenset((a, b)) not in pairs
+    # Fingers alone may touch the table, each arm's in that arm's contact windows.
+    for pair in model.pairs:
+        sides = [name.startswith(f"r{i}") for i in (1, 2) for name in pair.names]
+        arm = 0 if any(sides[:2]) else 1
+        assert pair.arm == (arm if pair.kind == "finger-table" else -1), pair.names
     # Every body of one arm meets every body of the other, but the two bases, which are bolted to
     # one plate.
     arm_arm = [pair for pair in model.pairs if pair.kind == "arm-arm"]

@@ -217,7 +217,7 @@ def test_a_moved_table_is_refused(bench_with: Callable[..., Bench], tmp_path: Pa
     bench = bench_with({"scenario": "moved.scenario.yaml"})
     code, _, err = bench.go()
     assert code == 2
-    assert "a table or a clearance has changed; plan again" in err
+    assert "name the scenario that it was made in" in err
     assert bench.robot.end()["motion"] == 0
 
 

@@ -194,7 +194,9 @@ def test_a_table_that_was_moved_is_refused(
     directives = [str(tmp_path / "cell.dmd.yaml")]
     found = look(cell=load_cell(dc.replace(cell.scenario, directives=directives)))
     assert failed(found) == ["plan"]
-    assert "has changed; plan again" in found.check("plan").text
+    assert (
+        "plan again where the robot, a table or a clearance has changed" in found.check("plan").text
+    )
     assert found.verdict is None
 
 

@@ -1,5 +1,6 @@
 """Options and steps shared by the commands that read a capture."""
 
+import logging
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -14,6 +15,7 @@ from unwrinkle.models.errors import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
     from unwrinkle.flattening.flattener import Choice, Flattener, NoChoice
     from unwrinkle.flattening.observation import Observation
@@ -37,7 +39,7 @@ ColourOption = Annotated[
     Path | None, typer.Option(help="Colour image; found beside UC3M and CTU captures.")
 ]
 RegisteredOption = Annotated[
-    bool | None, typer.Option(help="Whether colour has the pixels of depth [by the file].")
+    bool | None, typer.Option(help="Whether colour has the pixels of depth (default: by the file).")
 ]
 PoseOption = Annotated[
     Path | None, typer.Option(help="YAML file of the camera's pose X_WC: translation, rotation.")
@@ -47,17 +49,21 @@ YawOption = Annotated[
 ]
 SensorOption = Annotated[
     str | None,
-    typer.Option(help="Noise profile: stereo, stereo-head, xtion, tof [the camera's]."),
+    typer.Option(help="Noise profile: stereo, stereo-head, xtion, tof (default: the camera's)."),
 ]
 ModeOption = Annotated[
     str | None,
-    typer.Option(help="Pull distance: foot (all slack), paper or between [the scenario's]."),
+    typer.Option(
+        help="Pull distance: foot (all slack), paper or between (default: the scenario's)."
+    ),
 ]
 OutOption = Annotated[
-    Path | None, typer.Option(help="Folder for the results [out/<name of the capture>].")
+    Path | None, typer.Option(help="Folder for the results (default: out/<name of the capture>).")
 ]
 SeedOption = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
 PicturesOption = Annotated[bool, typer.Option(help="Draw the pictures.")]
+
+_log = logging.getLogger(__name__)
 
 #: Maximum number of wrinkles in the printed table.
 _LISTED = 12
@@ -92,9 +98,10 @@ class CaptureOptions:
                 f"{count} files were given; give one depth file or the two images of a pair"
             )
         if count == 2 and self.head is None:
-            raise InputError(
-                "two images were given without the head's angles; add --head head.yaml"
-            )
+            hint = "add --head head.yaml"
+            if not self.files[1].suffix:
+                hint += f", or leave out {str(self.files[1])!r} if it is no image"
+            raise InputError(f"two images were given without the head's angles; {hint}")
         if count == 1 and self.head is not None:
             raise InputError("--head is for the two images LEFT and RIGHT; one file was given")
         of_depth = ("camera", "colour", "registered", "pose")
@@ -159,6 +166,12 @@ def observed(options: CaptureOptions, flattener: "Flattener") -> "Observation":
             colour_registered=options.registered,
             pose=options.pose,
         )
+        if capture.X_WC is None:
+            _log.warning(
+                "%s: no pose of the camera; the garment is taken to lie at the scenario's "
+                "garment_centre. Such a plan is for a look, not for a garment in the cell",
+                options.files[0],
+            )
     return flattener.observe(capture, yaw=radians(options.yaw), seed=options.seed)
 
 
@@ -208,14 +221,32 @@ def print_wrinkles(
     console: "Console", analysis: "Analysis", chosen: "Choice | NoChoice | None"
 ) -> None:
     """Print the table of wrinkles, largest first; a star marks the wrinkle to be pulled."""
+    from unwrinkle.flattening.flattener import Choice
+
+    if analysis.wrinkles:
+        marked = chosen.decision.wrinkle.index if isinstance(chosen, Choice) else None
+        console.print(_wrinkle_table(analysis, marked))
+    else:
+        console.print("no wrinkles")
+    beyond = analysis.share_beyond_table
+    if beyond > _OVERHANG:
+        console.print(
+            f"[bold]note[/bold]: {beyond:.0%} of the garment lies beyond the table's edge"
+        )
+    hidden = len(analysis.wrinkles) - _LISTED
+    if hidden > 0:
+        console.print(f"and {hidden} smaller wrinkles, listed in analysis.json")
+
+
+def _wrinkle_table(analysis: "Analysis", marked: int | None) -> "Table":
     from math import atan2, degrees
 
     from rich.table import Table
 
-    from unwrinkle.flattening.flattener import Choice
-
-    marked = chosen.decision.wrinkle.index if isinstance(chosen, Choice) else None
-    table = Table(title=f"{len(analysis.wrinkles)} wrinkles, largest first (mm, deg)")
+    count = len(analysis.wrinkles)
+    title = f"{count} wrinkle{'s' * (count > 1)}, largest first (mm, deg)"
+    star = "" if marked is None else "; * to be pulled"
+    table = Table(title=title, caption=f"score: logarithm of the volume{star}")
     for name in ("", "length", "width", "chord", "peak", "pull", "angle", "score"):
         table.add_column(name, justify="right")
     for index, wrinkle in enumerate(analysis.wrinkles[:_LISTED]):
@@ -233,15 +264,17 @@ def print_wrinkles(
             f"{angle:.0f}",
             f"{wrinkle.volume_score:.2f}",
         )
-    console.print(table)
-    beyond = analysis.share_beyond_table
-    if beyond > _OVERHANG:
-        console.print(
-            f"[bold]note[/bold]: {beyond:.0%} of the garment lies beyond the table's edge"
-        )
-    hidden = len(analysis.wrinkles) - _LISTED
-    if hidden > 0:
-        console.print(f"and {hidden} smaller wrinkles, listed in analysis.json")
+    return table
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a file in the place of a folder for results, before any work.
+
+    Raises:
+        InputError: naming it.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file; give the name of a folder with --out")
 
 
 @contextmanager
@@ -255,10 +288,9 @@ def finished_folder(folder: Path, *, outdated: tuple[str, ...] = ()) -> Iterator
     Raises:
         InputError: the final folder cannot be made.
     """
+    check_folder(folder)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        if folder.exists() and not folder.is_dir():
-            raise InputError(f"{folder}: is a file; give the name of a folder with --out")
         work = Path(tempfile.mkdtemp(prefix=".unwrinkle-", dir=folder.parent))
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror})") from None

@@ -17,7 +17,8 @@ def evidence(
         str, typer.Option(help="Site file *.site.yaml, or name of a shipped site: loopback.")
     ],
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder for the document [beside the plan].")
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for the document (default: beside the plan)."),
     ] = None,
 ) -> None:
     """Write evidence.html and evidence.json: what a risk assessment can cite about a plan.

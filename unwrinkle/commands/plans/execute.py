@@ -30,10 +30,12 @@ def execute(
         ),
     ] = None,
     speed: Annotated[
-        float | None, typer.Option(help="Share of the planned speed [the site's].")
+        float | None,
+        typer.Option(help="Share of the planned speed, above 0 and up to 1 (default: the site's)."),
     ] = None,
     log: Annotated[
-        Path | None, typer.Option(help="Write the run log to this file [a new file, with --go].")
+        Path | None,
+        typer.Option(help="Write the run log to this file (default: a new file, with --go)."),
     ] = None,
     html: Annotated[
         Path | None, typer.Option(help="Write the preview page to this file before anything moves.")
@@ -61,7 +63,10 @@ def execute(
     The exit code is 4 if a check or a device fails.
     """
     from unwrinkle.execution.session import ExecutionOptions, ExecutionSession
+    from unwrinkle.site.preflight_checks import check_speed
 
+    if speed is not None:
+        check_speed(speed, 1.0)
     options = ExecutionOptions(
         plan=plan,
         site=site,

@@ -21,7 +21,9 @@ def preview(
     ] = None,
     live: Annotated[
         bool | None,
-        typer.Option("--live/--no-live", help="Show the plan live [unless --html is given]."),
+        typer.Option(
+            "--live/--no-live", help="Show the plan live (default unless --html is given)."
+        ),
     ] = None,
     at: Annotated[float | None, typer.Option(help="Open the page paused at this time, s.")] = None,
     scenario: ScenarioOption = None,

@@ -15,7 +15,7 @@ _NUMBERS = ("worst", "limit", "margin", "nearest", "lower bound", "required")
 
 EXAMPLES = (
     "unwrinkle verify out/first/plan.npz",
-    "unwrinkle verify out/first/plan.npz --set clearance.arm_arm=0.05 --json verdict.json",
+    "unwrinkle verify out/lab/plan.npz --scenario lab.scenario.yaml --json verdict.json",
 )
 
 
