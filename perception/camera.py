@@ -33,7 +33,8 @@ class Camera:
 
     Raises:
         InputError: a size or focal length is not positive, a number is not finite, the principal
-            point lies outside the image, or the field of view is below 2 or above 150 degrees.
+            point lies far outside the image (a crop's may lie outside), or the field of view is
+            below 2 or above 150 degrees.
     """
 
     name: str = ""
@@ -62,9 +63,9 @@ class Camera:
             ("x", self.width, self.fx, self.cx),
             ("y", self.height, self.fy, self.cy),
         ):
-            if not -0.5 <= centre <= size - 0.5:
+            if not -0.5 * size <= centre <= 1.5 * size:
                 raise InputError(
-                    f"{label}: principal point c{axis} = {centre} lies outside the image "
+                    f"{label}: principal point c{axis} = {centre} lies far outside the image "
                     f"of {size} pixels; are the intrinsics of another resolution?"
                 )
             view = degrees(2.0 * atan(0.5 * size / focal))
@@ -157,13 +158,24 @@ def load_camera(name: str | Path) -> Camera:
     """Load a camera by its name in the package or from a YAML file.
 
     Raises:
-        InputError: unknown name, missing file, unknown key, or absurd intrinsics.
+        InputError: unknown name, missing file, unknown key, absurd intrinsics, or a principal
+            point outside the image.
     """
     if str(name) in camera_names():
         return load_yaml(models_dir() / "cameras" / f"{name}.yaml", Camera)
     path = Path(name)
     if path.suffix.lower() in (".yaml", ".yml"):
-        return load_yaml(path, Camera)
+        camera = load_yaml(path, Camera)
+        for axis, size, centre in (
+            ("x", camera.width, camera.cx),
+            ("y", camera.height, camera.cy),
+        ):
+            if not -0.5 <= centre <= size - 0.5:
+                raise InputError(
+                    f"{path}: principal point c{axis} = {centre} lies outside the image "
+                    f"of {size} pixels; are the intrinsics of another resolution?"
+                )
+        return camera
     raise InputError(
         f"camera {str(name)!r}: unknown; known are {', '.join(camera_names())}, or give a .yaml"
     )

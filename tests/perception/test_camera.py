@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from unwrinkle.models.errors import InputError
 from unwrinkle.perception.camera import Camera, camera_names, load_camera
@@ -74,8 +75,6 @@ def test_camera_from_yaml(tmp_path: Path) -> None:
         ({"cx": float("inf")}, "finite"),
         ({"cx": 2000.0}, "principal"),
         ({"cy": -900.0}, "principal"),
-        ({"cx": 640.0}, "principal"),
-        ({"cy": -1.0}, "principal"),
         ({"fx": 5.0}, "field of view"),
         ({"fy": 525000.0}, "field of view"),
         ({"width": 0}, "size"),
@@ -85,6 +84,18 @@ def test_camera_from_yaml(tmp_path: Path) -> None:
 def test_absurd_intrinsics(changes: dict[str, Any], named: str) -> None:
     with pytest.raises(InputError, match=named):
         Camera(**_fields(**changes))
+
+
+@pytest.mark.parametrize("changes", [{"cx": 320.0}, {"cy": -1.0}])
+def test_a_file_with_the_intrinsics_of_another_resolution(
+    tmp_path: Path, changes: dict[str, Any]
+) -> None:
+    path = tmp_path / "mine.yaml"
+    size = {"width": 320, "height": 240}
+    intrinsics = {"fx": 262, "fy": 262, "cx": 160, "cy": 120}
+    path.write_text(yaml.safe_dump({"name": "mine"} | size | intrinsics | changes))
+    with pytest.raises(InputError, match=r"mine\.yaml: principal point .* another resolution"):
+        load_camera(path)
 
 
 def test_unknown_names() -> None:
