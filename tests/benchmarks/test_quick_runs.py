@@ -16,7 +16,7 @@ from benchmarks.published.summary import summary
 from unwrinkle.cli import app
 from unwrinkle.models.errors import InputError
 
-pytestmark = [pytest.mark.slow, pytest.mark.end_to_end]
+pytestmark = [pytest.mark.slow, pytest.mark.end_to_end, pytest.mark.long]
 
 #: What a quick run must have worked out.
 FOUND: dict[str, Callable[[Any], bool]] = {
@@ -29,14 +29,7 @@ FOUND: dict[str, Callable[[Any], bool]] = {
 }
 
 
-#: Runs of a quarter of a minute; `make bench QUICK=1` runs all.
-SHORT = ("sensitivity",)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(each, marks=[] if each in SHORT else pytest.mark.long) for each in sorted(FOUND)],
-)
+@pytest.mark.parametrize("name", sorted(FOUND))
 def test_quick_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     command = ["bench", name, "--quick", "--json", f"{name}.json", "--markdown", f"{name}.md"]

@@ -17,7 +17,7 @@ from unwrinkle.runs.folder import RunFolder
 def test_an_action_through_the_drivers_in_lockstep(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     session = begin_run(
-        Choices(start="ridge", station="loopback", scale=0.25, actions=1), None, folder
+        Choices(start="ridge", station="loopback", sensor="truth", actions=1), None, folder
     )
     ending = session.run()
     assert ending.status in ("stopped", "flat")

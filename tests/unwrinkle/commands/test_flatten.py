@@ -149,7 +149,7 @@ def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Sess
 @pytest.mark.slow
 @pytest.mark.end_to_end
 def test_interrupt_while_pulling_then_going_on(small: Callable[..., Session]) -> None:
-    session = small()
+    session = small(sensor="truth")
     seen: list[bool] = []
 
     class Ended:
@@ -188,7 +188,7 @@ def test_interrupt_while_pulling_then_going_on(small: Callable[..., Session]) ->
 def test_a_disk_that_is_full_ends_at_rest(
     small: Callable[..., Session], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    session = small()
+    session = small(sensor="truth")
     stations: list[StationView] = []
 
     def full(self: Recorder, now: SupervisorState) -> None:
