@@ -130,4 +130,4 @@ def observation_of(
         section=rules.section,
         pull=rules.pull,
     )
-    return Observation.of(analysis)
+    return Observation.of(analysis, cell.garment)

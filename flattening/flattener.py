@@ -211,6 +211,9 @@ def analysis_report(
         points: include the wrinkles' point lists.
     """
     report = observation.analysis.to_json(points=points)
+    for wrinkle_report, kind in zip(report["wrinkles"], observation.folds.kinds, strict=True):
+        wrinkle_report["kind"] = kind.value
+    report["garment"] = observation.folds.to_json()
     report["flat"] = stop is not None and stop.flat
     if target is not None:
         report["target"] = {**target.to_json(), "wrinkle": wrinkle}

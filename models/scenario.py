@@ -239,6 +239,9 @@ class Scenario:
     speed: float = 1.0
     table: TableSettings = dc.field(default_factory=TableSettings)
     garment_centre: list[float] = dc.field(default_factory=lambda: [0.0, -1.10])
+    # What is known of the garment: a *.garment.yaml, as `unwrinkle garment learn` writes it; empty
+    # for nothing.
+    known_garment: str = ""
     gaze: list[float] = dc.field(default_factory=lambda: [0.0, -0.19])
     gripper: GripperSettings = dc.field(default_factory=GripperSettings)
     clearance: Clearances = dc.field(default_factory=Clearances)
@@ -396,6 +399,7 @@ def load_scenario(
         directives=[_beside(folder, uri) for uri in scenario.directives],
         robot=_beside(folder, scenario.robot),
         limits=_beside(folder, scenario.limits),
+        known_garment=_beside(folder, scenario.known_garment) if scenario.known_garment else "",
     )
 
 

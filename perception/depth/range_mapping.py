@@ -268,6 +268,7 @@ def _gridded(
         table_height=placed.table_height,
         sensor=profile.name,
         colour=colour,
+        mask_by=segmentation.method,
     )
 
 

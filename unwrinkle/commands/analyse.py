@@ -18,7 +18,7 @@ from unwrinkle.commands._shared.capture import (
     finished_folder,
     flattener_for,
     observed,
-    print_wrinkles,
+    print_garment,
     save_analysis,
 )
 from unwrinkle.commands._shared.settings import ScenarioOption, SetOption
@@ -74,7 +74,7 @@ def analyse(
     with finished_folder(folder) as work:
         save_analysis(work, observation, chosen, options, pictures=pictures, singles=True)
     console = Console()
-    print_wrinkles(console, observation.analysis, chosen)
+    print_garment(console, observation, chosen)
     if isinstance(chosen, Choice):
         for number, hand in enumerate(chosen.target.hands):
             console.print(

@@ -24,7 +24,7 @@ from unwrinkle.commands._shared.capture import (
     finished_folder,
     flattener_for,
     observed,
-    print_wrinkles,
+    print_garment,
     save_analysis,
 )
 from unwrinkle.commands._shared.posture import StartOption, posture
@@ -125,7 +125,7 @@ def plan(
     planning = proposal.planned.result.timings.total
     clock.add("planning", planning)
     clock.lap("verification", less=planning)
-    print_wrinkles(console, observation.analysis, proposal.choice)
+    print_garment(console, observation, proposal.choice)
     for text in proposal.refused:
         console.print(f"[bold]skipped[/bold]: {text}", highlight=False)
     with finished_folder(folder) as work:
@@ -148,7 +148,7 @@ def _nothing_planned(
     console: "Console",
     pictures: bool,
 ) -> None:
-    """Write the analysis of a garment that needs no plan.
+    """Write the analysis of a garment that gets no plan.
 
     Raises:
         NoVerifiedPlanError: the garment is not flat, and no plan for it is verified.
@@ -156,11 +156,11 @@ def _nothing_planned(
     from unwrinkle.flattening.flattener import NoChoice
 
     chosen = NoChoice(proposal.stop, proposal.state, proposal.refusals)
-    print_wrinkles(console, observation.analysis, chosen)
-    if not proposal.flat:
-        raise NoVerifiedPlanError(f"no verified plan: {proposal.reason}")
+    print_garment(console, observation, chosen)
     with finished_folder(folder, outdated=(_PLAN, _VERDICT, _PAGE)) as work:
         save_analysis(work, observation, chosen, options, pictures=pictures)
+    if not proposal.flat:
+        raise NoVerifiedPlanError(f"no verified plan: {proposal.reason}; analysis in {folder}/")
     console.print(f"{proposal.reason}; nothing to plan. Analysis in {folder}/", highlight=False)
 
 

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from unwrinkle.flattening.flattener import Choice, Flattener, NoChoice
     from unwrinkle.flattening.observation import Observation
     from unwrinkle.models.robot import Cell
-    from unwrinkle.perception.wrinkles.analysis import Analysis
 
 CaptureArgument = Annotated[
     list[Path],
@@ -193,7 +192,14 @@ def save_analysis(
     if pictures:
         from unwrinkle.runs.pictures import save_pictures
 
-        save_pictures(folder, analysis, chosen, title=options.name, singles=singles)
+        save_pictures(
+            folder,
+            analysis,
+            chosen,
+            folds=observation.folds,
+            title=options.name,
+            singles=singles,
+        )
 
 
 def _report(
@@ -217,15 +223,19 @@ def _report(
     }
 
 
-def print_wrinkles(
-    console: "Console", analysis: "Analysis", chosen: "Choice | NoChoice | None"
+def print_garment(
+    console: "Console", observation: "Observation", chosen: "Choice | NoChoice | None"
 ) -> None:
-    """Print the table of wrinkles, largest first; a star marks the wrinkle to be pulled."""
+    """Print the table of wrinkles, largest first, the garment's state and its flaps.
+
+    A star marks the wrinkle to be pulled.
+    """
     from unwrinkle.flattening.flattener import Choice
 
+    analysis = observation.analysis
     if analysis.wrinkles:
         marked = chosen.decision.wrinkle.index if isinstance(chosen, Choice) else None
-        console.print(_wrinkle_table(analysis, marked))
+        console.print(_wrinkle_table(observation, marked))
     else:
         console.print("no wrinkles")
     beyond = analysis.share_beyond_table
@@ -237,17 +247,29 @@ def print_wrinkles(
     if hidden > 0:
         console.print(f"and {hidden} smaller wrinkles, listed in analysis.json")
 
+    folds = observation.folds
+    console.print(f"garment: {folds.state} ({'; '.join(folds.reasons)})", highlight=False)
+    for flap in folds.flaps:
+        console.print(
+            f"flap of {1e4 * flap.area:.0f} cm2 ({flap.by}): fold line from "
+            f"({flap.line[0, 0]:+.3f}, {flap.line[0, 1]:+.3f}) to ({flap.line[1, 0]:+.3f}, "
+            f"{flap.line[1, 1]:+.3f}) m, opens along ({flap.opening[0]:+.2f}, "
+            f"{flap.opening[1]:+.2f})",
+            highlight=False,
+        )
 
-def _wrinkle_table(analysis: "Analysis", marked: int | None) -> "Table":
+
+def _wrinkle_table(observation: "Observation", marked: int | None) -> "Table":
     from math import atan2, degrees
 
     from rich.table import Table
 
+    analysis, kinds = observation.analysis, observation.folds.kinds
     count = len(analysis.wrinkles)
     title = f"{count} wrinkle{'s' * (count > 1)}, largest first (mm, deg)"
     star = "" if marked is None else "; * to be pulled"
     table = Table(title=title, caption=f"score: logarithm of the volume{star}")
-    for name in ("", "length", "width", "chord", "peak", "pull", "angle", "score"):
+    for name in ("", "length", "width", "chord", "peak", "pull", "angle", "score", "what"):
         table.add_column(name, justify="right")
     for index, wrinkle in enumerate(analysis.wrinkles[:_LISTED]):
         lengths = (
@@ -263,6 +285,7 @@ def _wrinkle_table(analysis: "Analysis", marked: int | None) -> "Table":
             *(f"{1e3 * length:.1f}" for length in lengths),
             f"{angle:.0f}",
             f"{wrinkle.volume_score:.2f}",
+            kinds[index].value,
         )
     return table
 
