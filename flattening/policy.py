@@ -2,9 +2,9 @@
 functions of values.
 
 - Flat: no wrinkle reaches the sensor's halting pull, none is higher than the scenario's halting
-  height, and the garment's layers and heights say that it is flat. A garment without a wrinkle worth
-  pulling that is not flat ends the loop with its state: wrinkled, folded or crumpled, or not seen
-  well enough.
+  height, and the garment's layers and heights say that it is flat. A garment that is not flat but
+  has no wrinkle worth pulling ends the loop with its state: wrinkled, folded or crumpled, or not
+  seen well enough.
 - Wrinkles are pulled in the scenario's order (see `wrinkle_order`), with two arms first; without a
   motion for two arms, the next wrinkle; then with one arm, in the same order.
 - After a missed grasp the same wrinkle is tried again a few times, then abandoned.
@@ -201,7 +201,7 @@ def after_blind_look(
     """Count a look without a usable observation, and say whether to stop.
 
     A sensor that cannot tell a single layer from the table sees nothing of a flat garment. Where it
-    saw a garment that was then pulled, an empty table may mean a flat garment, and the stop says so.
+    saw a garment that was then pulled, an empty table may be a flat garment, and the stop says so.
 
     Args:
         state: before the look.
@@ -216,8 +216,8 @@ def after_blind_look(
     if empty and unseen > rules.thickest_layer and state.last is not None:
         return state, Stop(
             False,
-            f"{GarmentState.UNSEEN}: nothing stands {1e3 * unseen:.1f} mm above the table any more, "
-            "and this sensor does not tell a flat garment from the table",
+            f"{GarmentState.UNSEEN}: nothing stands {1e3 * unseen:.1f} mm above the table any "
+            "more, and this sensor does not tell a flat garment from the table",
             GarmentState.UNSEEN,
         )
     return state, Stop(False, f"nothing usable seen in {state.blind} looks: {reason}")

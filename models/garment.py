@@ -35,8 +35,8 @@ class KnownGarment:
         name: for messages.
         flat_area: of one side, m^2.
         thickness: of the flat garment, metres; 0 if it is not known.
-        outline: corners (n, 2) of the flat garment, metres, in order, centred at its centroid; empty
-            if it is not known.
+        outline: corners (n, 2) of the flat garment, metres, in order, centred at its centroid;
+            empty if it is not known.
 
     Raises:
         InputError: a value is out of range, or outline and area contradict each other.

@@ -31,8 +31,8 @@ class RangeMap:
         table_height: world z of the table plane.
         sensor: name of the noise profile: "stereo", "stereo-head", "xtion" or "tof".
         colour: (ny, nx, 3) uint8 RGB, or None.
-        mask_by: data that decided what is garment: "colour", "aligned colour", "depth" or "" if that
-            is not known.
+        mask_by: data that decided what is garment: "colour", "aligned colour", "depth", or "" if
+            that is not known.
 
     Raises:
         InputError: shapes disagree, a number is not finite, or the resolution is not positive.

@@ -1,9 +1,9 @@
 """Flaps: parts of a garment that are folded over and lie on it.
 
-By the known outline: what is missing of it, mirrored over the line that closes the gap, is the flap,
-if the cloth on that line stands up as a fold does. By borders alone, for any garment: the cells
-between the upper sides of borders, by a random walker with seeds beside the borders (L. Grady, IEEE
-TPAMI 2006); the fold line is then the straight part of the garment's outline beside them.
+By the known outline: what is missing of it, mirrored over the line that closes the gap, is the
+flap, if the cloth on that line stands up as a fold does. By borders alone, for any garment: the
+cells between the upper sides of borders, by a random walker with seeds beside the borders (L. Grady,
+IEEE TPAMI 2006); the fold line is then the straight part of the garment's outline beside them.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from unwrinkle.perception.folds.garment_outline import Placement, closed_outline
 from unwrinkle.perception.folds.height_image import HeightImage, Points
 from unwrinkle.perception.folds.settings import FoldSettings
 
-#: A missing part: opening that removes slivers, least radius of its largest disc, metres, area, m^2.
+#: A missing part: opening that removes slivers, least radius of its largest disc, metres; least
+#: area, m^2.
 _OPENING_M = 0.004
 _LEAST_DEPTH_M = 0.007
 _LEAST_MISSING_M2 = 8e-4
@@ -57,8 +58,8 @@ _UNDER_READ = 0.015
 _EXPLAINED = 0.25
 _EXPLAINED_M = 0.5
 
-#: Random walker: side of its cells, metres, distances of the seeds from a border, metres, weights of
-#: the weakest and the strongest border, links on even cloth besides slope and over borders, pull
+#: Random walker: side of its cells, metres, distances of the seeds from a border, metres, weights
+#: of the weakest and the strongest border, links on even cloth besides slope and over borders, pull
 #: towards the lower layer, opening of the result, metres.
 _WALKER_CELL_M = 0.004
 _SEEDS_M = (0.006, 0.016)
@@ -405,7 +406,7 @@ def _walk(
 def _longest_line(
     points: Points, cell: float, rng: np.random.Generator
 ) -> tuple[Points, Points, Points] | None:
-    """Return centre, direction and places along it of the longest straight run (RANSAC), or None."""
+    """Return centre, direction and places of the longest straight run (RANSAC), or None."""
     if len(points) < 10:
         return None
     best: NDArray[np.bool_] | None = None

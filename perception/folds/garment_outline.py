@@ -1,9 +1,9 @@
 """The outline of a garment, and the place of its known flat outline under what is seen.
 
 A folded garment shows less than its outline, and what it shows lies within the outline and follows
-it where nothing is folded. Candidates for the turn come from the tangents' directions, those for the
-place from a generalised Hough transform (D. H. Ballard, Pattern Recognition 1981); they are refined
-by point-to-line alignment with the part of the outline that fits.
+it where nothing is folded. Candidates for the turn come from the tangents' directions, those for
+the place from a generalised Hough transform (D. H. Ballard, Pattern Recognition 1981); they are
+refined by point-to-line alignment with the part of the outline that fits.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 from scipy.spatial import cKDTree
 

@@ -1,7 +1,7 @@
 """The state of a garment: flat, wrinkled, folded or crumpled, or not seen well enough.
 
-Without the garment's flat area, a coarse sensor cannot tell deep wrinkles from folds; then the state
-says so: not flat.
+Without the garment's flat area, a coarse sensor cannot tell deep wrinkles from folds; then the
+state says so: not flat.
 """
 
 from __future__ import annotations
@@ -28,6 +28,10 @@ _LEAST_SEEN_AREA = 0.13
 #: Largest share of the garment without readings: for any answer, and for "flat".
 _MOST_UNSEEN = 0.5
 _MOST_UNSEEN_FLAT = 0.1
+
+#: A coarse sensor's mask by depth alone is whole if the flat cloth stands this multiple of the
+#: sensor's least height of a garment above the table.
+_CLEAR_OF_TABLE = 1.2
 
 #: Least area seen from above of a flat garment, of its flat area.
 _LEAST_FLAT_AREA = 0.97
@@ -112,13 +116,14 @@ def analyse_folds(
     hidden = None if known is None else 1.0 - surface_area / known.flat_area
     flaps = _flaps(image, settings, borders, known, hidden)
     state, reasons = _state(image, settings, known, relief, hidden, borders, flaps)
-    if state is GarmentState.FLAT and known is None and _guessed(range_map, settings):
+    if state is GarmentState.FLAT and known is None and _guessed(range_map, profile, low):
         state = GarmentState.UNSEEN
-        reasons = (
+        reason = (
             "looks flat, but it was told from the table by depth alone, which does not show the "
             f"flat parts of cloth thinner than {1e3 * profile.garment_height:.0f} mm; add colour, "
-            "or the garment's flat area",
+            "or the garment's flat area"
         )
+        reasons = (reason,)
     kinds = tuple(ridge_kind(image, settings, wrinkle) for wrinkle in wrinkles)
     lines = tuple(image.world(line) for line in borders.lines())
     return FoldAnalysis(
@@ -134,9 +139,10 @@ def analyse_folds(
     )
 
 
-def _guessed(range_map: RangeMap, settings: FoldSettings) -> bool:
-    """Whether flat parts of the garment may be missing from the mask."""
-    return range_map.mask_by == "depth" and not settings.fine
+def _guessed(range_map: RangeMap, profile: NoiseProfile, level: float) -> bool:
+    """Whether flat parts of a garment at a level, metres, may be missing from its mask."""
+    blind = fold_settings(profile).fine is False and range_map.mask_by == "depth"
+    return blind and level < _CLEAR_OF_TABLE * profile.garment_height
 
 
 def _flaps(
@@ -168,15 +174,11 @@ def _state(
     if known is not None:
         seen = image.area / known.flat_area
         if seen < _LEAST_SEEN_AREA:
-            return GarmentState.UNSEEN, (
-                f"{seen:.0%} of the {known.name}'s flat area was found; the rest may not stand "
-                "out from the table",
-            )
+            reason = f"{seen:.0%} of the {known.name}'s flat area was found; the rest may be hidden"
+            return GarmentState.UNSEEN, (reason,)
         if seen > _MOST_SEEN_AREA:
-            return GarmentState.UNSEEN, (
-                f"what was found is {seen:.0%} of the {known.name}'s flat area: more than the "
-                "garment",
-            )
+            reason = f"what was found is {seen:.0%} of the {known.name}'s flat area: more than it"
+            return GarmentState.UNSEEN, (reason,)
     folded = _folded(settings, hidden, borders, flaps, known)
     if folded:
         told = settings.fine or known is not None or bool(flaps)

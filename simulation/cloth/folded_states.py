@@ -3,6 +3,7 @@ pressed, a border pushed in, two folds.
 """
 
 import dataclasses as dc
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -106,7 +107,7 @@ def fold(cloth: Cloth, state: ClothState, line: FoldLine) -> ClothState:
     # The garment's plane is only turned in the world: the normal of the line in it.
     across = np.append(_in_world(cloth, state, line.normal), 0.0)
     angles = np.linspace(0.0, math.pi, _ARC_SEGMENTS + 1)
-    for start, end in zip(angles[:-1], angles[1:], strict=True):
+    for start, end in itertools.pairwise(angles.tolist()):
         moves: list[Points | None] = [None, None]
         for hand in hands:
             radius = float(beyond[hand])

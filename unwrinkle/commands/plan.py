@@ -157,6 +157,8 @@ def _nothing_planned(
 
     chosen = NoChoice(proposal.stop, proposal.state, proposal.refusals)
     print_garment(console, observation, chosen)
+    if not proposal.flat and proposal.stop.state is None:
+        raise NoVerifiedPlanError(f"no verified plan: {proposal.reason}")
     with finished_folder(folder, outdated=(_PLAN, _VERDICT, _PAGE)) as work:
         save_analysis(work, observation, chosen, options, pictures=pictures)
     if not proposal.flat:
