@@ -1,9 +1,11 @@
 """Flaps: parts of a garment that are folded over and lie on it.
 
 By the known outline: what is missing of it, mirrored over the line that closes the gap, is the
-flap, if the cloth on that line stands up as a fold does. By borders alone, for any garment: the
-cells between the upper sides of borders, by a random walker with seeds beside the borders (L. Grady,
-IEEE TPAMI 2006); the fold line is then the straight part of the garment's outline beside them.
+flap, if the cloth on that line stands up as a fold does.
+
+By borders alone, for any garment: a random walker (L. Grady, IEEE TPAMI 2006) with seeds beside the
+borders finds the cells between their upper sides; the fold line is the straight part of the
+garment's outline beside them.
 """
 
 from __future__ import annotations
