@@ -15,7 +15,9 @@ from unwrinkle.models.io.settings import check_finite, with_settings
 
 SENSOR_KINDS = ("stereo", "depth", "truth")
 OUTLINES = ("towel", "dishcloth", "tshirt", "trousers")
-STARTS = ("bunched", "ridge", "pinched", "dropped", "flat")
+#: Starts of a simulated garment: wrinkled, crumpled or flat, and folded.
+FOLDED_STARTS = ("corner", "edge", "pressed", "pushed", "twice")
+STARTS = ("bunched", "ridge", "pinched", "dropped", "flat", *FOLDED_STARTS)
 ORDERS = ("volume", "pull", "height", "length", "together")
 TURNTABLES = ("free", "fixed")
 
@@ -209,7 +211,8 @@ class SimulatedGarment:
     material: str = "terry"
     # terry, print or plain.
     texture: str = "terry"
-    # bunched, ridge, pinched, dropped or flat.
+    # bunched, ridge, pinched, dropped or flat; or folded: corner, edge, pressed (an edge or corner
+    # without a bulge), pushed (a border pushed in) or twice.
     start: str = "bunched"
     # Number of nodes along the longer side.
     nodes: int = 80

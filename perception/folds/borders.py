@@ -23,6 +23,7 @@ from scipy.spatial import cKDTree
 from unwrinkle.perception._parallel import parallel_rows
 from unwrinkle.perception.folds._kernels import steepest_steps
 from unwrinkle.perception.folds.height_image import Floats, HeightImage, Points
+from unwrinkle.perception.folds.nearest import nearest
 from unwrinkle.perception.folds.settings import FoldSettings
 
 #: Number of directions of a step, and how many to both sides of the steepest slope are tried.
@@ -160,8 +161,8 @@ def _window(
 def _maxima(image: HeightImage, settings: FoldSettings) -> _Steps:
     """Find the maxima across the step of the difference between the two windows."""
     z = image.smoothed(settings.level_smoothing)
-    zy, zx = np.gradient(z, image.resolution)
-    slope = np.hypot(zx, zy)
+    zy, zx = (np.asarray(each) for each in np.gradient(z, image.resolution))
+    slope = np.asarray(np.hypot(zx, zy))
     least_slope = 0.25 * settings.least_step / settings.near[1]
     inner = image.garment & (image.depth > 0.6 * settings.near[1])
     rows, columns = np.nonzero(inner & (slope > least_slope))
@@ -298,9 +299,9 @@ def _continued(
         tree = cKDTree(steps.points[members])
         for k in np.flatnonzero(weak & ~taken):
             own = piece == judged[k]
-            distance, nearest = tree.query(steps.points[own])
+            distance, beside = nearest(tree, steps.points[own])
             place = int(np.argmin(distance))
-            like = steps.upwards[own].mean(axis=0) @ steps.upwards[members][nearest[place]] > 0.0
+            like = steps.upwards[own].mean(axis=0) @ steps.upwards[members][beside[place]] > 0.0
             taken[k] = like and distance[place] * resolution < _CONTINUES_M
     return judged[taken]
 

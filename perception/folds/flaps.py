@@ -219,18 +219,16 @@ def _mirrored(
     over = beyond > 0.0
     back = np.maximum(2.0 * beyond[over] - taken_up, 0.0)
     mirrored = np.rint(cells[over] - back[:, None] * normal).astype(int)
-    region = np.zeros(garment.shape, dtype=np.uint8)
-    mirrored = mirrored[
-        (mirrored.min(axis=1) >= 0)
-        & (mirrored[:, 0] < region.shape[1])
-        & (mirrored[:, 1] < region.shape[0])
-    ]
-    region[mirrored[:, 1], mirrored[:, 0]] = 1
-    region = cv2.morphologyEx(region, cv2.MORPH_CLOSE, _disc(_OPENING_M, cell))
-    inside = np.count_nonzero((region > 0) & garment) / max(1, np.count_nonzero(region))
+    ny, nx = garment.shape
+    region: NDArray[np.uint8] = np.zeros((ny, nx), dtype=np.uint8)
+    columns, rows = mirrored.T
+    within = (columns >= 0) & (rows >= 0) & (columns < nx) & (rows < ny)
+    region[rows[within], columns[within]] = 1
+    closed = cv2.morphologyEx(region, cv2.MORPH_CLOSE, _disc(_OPENING_M, cell)) > 0
+    inside = float((closed & garment).sum()) / max(1, int(closed.sum()))
     if inside < _LEAST_INSIDE or not over.any():
         return None
-    shown = (region[pad:-pad, pad:-pad] > 0) & image.garment
+    shown = closed[pad:-pad, pad:-pad] & image.garment
     flap_area = float(np.count_nonzero(shown)) * cell**2
     if flap_area < settings.least_flap_area or hidden < _HIDDEN_SHARE * flap_area:
         return None

@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 
 from unwrinkle.models.arrays import Mask
 from unwrinkle.perception.folds.height_image import Points
+from unwrinkle.perception.folds.nearest import nearest
 
 #: Spacing of the points of an outline, metres, and the smoothing of the seen one.
 _SPACING_M = 0.004
@@ -115,7 +116,7 @@ def place_outline(seen: Points, known: Points) -> list[Placement]:
 
 def _same(one: Placement, other: Placement) -> bool:
     """Whether two placements cover the same cloth, whichever corner is called the first."""
-    distance, _ = cKDTree(other.corners).query(one.corners)
+    distance, _ = nearest(cKDTree(other.corners), one.corners)
     return float(distance.max()) < _SAME_M
 
 
@@ -137,7 +138,7 @@ def _is_symmetric(corners: Points) -> bool:
     for angle in np.linspace(0.0, math.pi, 180, endpoint=False):
         c, s = math.cos(2.0 * angle), math.sin(2.0 * angle)
         mirrored = (curve - centre) @ np.array([[c, s], [s, -c]])
-        if float(np.quantile(tree.query(mirrored)[0], 0.95)) < 2.0 * _SPACING_M:
+        if float(np.quantile(nearest(tree, mirrored)[0], 0.95)) < 2.0 * _SPACING_M:
             return True
     return False
 
@@ -203,12 +204,12 @@ def _refined(target: _Curve, model: _Curve, turn: float, shift: Points) -> tuple
         c, s = math.cos(turn), math.sin(turn)
         R = np.array([[c, -s], [s, c]])
         local = (target.points - shift) @ R
-        distance, nearest = tree.query(local)
-        apart = np.angle(np.exp(1j * (target.angles - model.angles[nearest] - turn)))
+        distance, beside = nearest(tree, local)
+        apart = np.angle(np.exp(1j * (target.angles - model.angles[beside] - turn)))
         use = (distance < reach) & (np.abs(apart) < 1.5 * _ON_TURN)
         if np.count_nonzero(use) < 12:
             break
-        n, q, p = normals[nearest[use]], model.points[nearest[use]], local[use]
+        n, q, p = normals[beside[use]], model.points[beside[use]], local[use]
         off = np.sum((q - p) * n, axis=1)
         lever = p[:, 0] * n[:, 1] - p[:, 1] * n[:, 0]
         rows = np.column_stack([lever, n])
@@ -229,10 +230,10 @@ def _refined(target: _Curve, model: _Curve, turn: float, shift: Points) -> tuple
 def _share(target: _Curve, model: _Curve, turn: float, shift: Points) -> float:
     c, s = math.cos(turn), math.sin(turn)
     local = (target.points - shift) @ np.array([[c, -s], [s, c]])
-    distance, nearest = cKDTree(model.points).query(local)
-    apart = np.abs(np.angle(np.exp(1j * (target.angles - model.angles[nearest] - turn))))
+    distance, beside = nearest(cKDTree(model.points), local)
+    apart = np.abs(np.angle(np.exp(1j * (target.angles - model.angles[beside] - turn))))
     on = (distance < _ON_M) & (apart < _ON_TURN)
     normals = np.column_stack([np.sin(model.angles), -np.cos(model.angles)])  # outwards
-    beyond = np.sum((local - model.points[nearest]) * normals[nearest], axis=1)
+    beyond = np.sum((local - model.points[beside]) * normals[beside], axis=1)
     excess = np.where(beyond > 0.0, np.maximum(distance - _FREE_EXCESS_M, 0.0), 0.0)
     return float((on - excess / _EXCESS_COST_M).sum()) / len(model.points)

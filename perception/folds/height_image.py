@@ -51,7 +51,7 @@ class HeightImage:
     def unseen(self) -> float:
         """Share of the garment without readings."""
         count = np.count_nonzero(self.garment)
-        return float(np.count_nonzero(self.garment & ~self.seen)) / max(1, count)
+        return float(np.count_nonzero(self.garment & ~self.seen)) / max(1, int(count))
 
     @cached_property
     def depth(self) -> Floats:
