@@ -34,8 +34,8 @@ def flatten(
     start: Annotated[
         str | None,
         typer.Option(
-            help="bunched, ridge, pinched, dropped, flat, or folded: corner, edge, pressed, pushed or "
-            "twice (default: the scenario's)."
+            help="bunched, ridge, pinched, dropped, flat, or folded: corner, edge, pressed, pushed "
+            "or twice (default: the scenario's)."
         ),
     ] = None,
     texture: Annotated[
