@@ -129,5 +129,6 @@ def observation_of(
         table=cell.table,
         section=rules.section,
         pull=rules.pull,
+        opening=cell.scenario.gripper.opening,
     )
     return Observation.of(analysis, cell.garment)

@@ -120,7 +120,8 @@ class Observation(Shared):
         order = sorted(
             range(len(folds.kinds)), key=lambda k: folds.kinds[k] is not RidgeKind.WRINKLE
         )
-        analysis = dc.replace(analysis, wrinkles=tuple(analysis.wrinkles[k] for k in order))
+        wrinkles = tuple(analysis.wrinkles[k] for k in order)
+        analysis = dc.replace(analysis, wrinkles=wrinkles, layers=folds.layers)
         folds = dc.replace(folds, kinds=tuple(folds.kinds[k] for k in order))
         together = flattened_together(analysis.wrinkles, analysis.section)
         features = GarmentFeatures(

@@ -64,6 +64,10 @@ _MOST_FOOT_M = 0.0086
 _LEAST_REST_M = 0.0008
 _LEAST_SHARP = 0.5
 
+#: Least height at the foot of a border over that of the lowest cloth: what is lower is the table
+#: beside the garment, in a mask that is too wide.
+_LEAST_BELOW = 0.6
+
 #: A coarse sensor's border: least share of the step that is left far behind it; and step, metres,
 #: and share of a piece that continues one.
 _LEAST_FAR = 0.5
@@ -129,6 +133,7 @@ def find_borders(image: HeightImage, settings: FoldSettings) -> Borders:
             & (features["rest"] > _LEAST_REST_M)
             & (features["sharp"] > _LEAST_SHARP)
             & (features["step"] > settings.border_step)
+            & (features["below"] > _LEAST_BELOW)
         ]
     else:
         share = features["far"] / np.maximum(features["step"], 1e-3)
@@ -234,7 +239,7 @@ def _pieces(steps: _Steps, resolution: float) -> NDArray[np.intp]:
 
 
 def _fine(image: HeightImage, settings: FoldSettings, steps: _Steps) -> dict[str, Points]:
-    """Measure each maximum for a fine sensor: foot, rest, sharpness, step."""
+    """Measure each maximum for a fine sensor: step, foot, rest, sharpness, height below."""
     z = image.smoothed(settings.smoothing)
     cell = image.resolution
     on = image.garment.astype(np.float32)
@@ -262,7 +267,9 @@ def _fine(image: HeightImage, settings: FoldSettings, steps: _Steps) -> dict[str
     half = _SHARP_M / cell
     rise = _at(z, steps.points + half * steps.upwards) - _at(z, steps.points - half * steps.upwards)
     sharp = rise / np.maximum(steps.step, 1e-4)
-    return {"step": steps.step, "foot": foot, "rest": rest, "sharp": sharp}
+    base = float(np.percentile(z[image.garment], 20.0))
+    below = level / max(base, 1e-4)
+    return {"step": steps.step, "foot": foot, "rest": rest, "sharp": sharp, "below": below}
 
 
 def _coarse(image: HeightImage, settings: FoldSettings, steps: _Steps) -> dict[str, Points]:

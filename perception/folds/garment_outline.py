@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -33,15 +34,16 @@ _ON_TURN = math.radians(12.0)
 _FREE_EXCESS_M = 0.003
 _EXCESS_COST_M = 0.005
 
-#: Turns and places that are tried; bins of the votes, radians and metres.
+#: Turns, places of each, and placements in all that are tried; bins of the votes, radians and
+#: metres.
 _TURNS = 10
 _PLACES = 4
+_REFINED = 10
 _TURN_BIN = math.radians(2.0)
 _PLACE_BIN_M = 0.006
 
-#: Placements within this of a better one are the same, metres and radians.
+#: Placements whose corners are all within this of another's are the same, metres.
 _SAME_M = 0.012
-_SAME_TURN = math.radians(4.0)
 
 #: Placements that are kept, and how much less than the best one's share of the outline they fit.
 _KEPT = 6
@@ -94,29 +96,42 @@ def place_outline(seen: Points, known: Points) -> list[Placement]:
         The placements that fit best, best first; garments that lie with either side up.
     """
     target = _curve(seen, _SMOOTHING_M)
-    found: list[tuple[float, float, Placement]] = []
+    found: list[Placement] = []
     for corners in _both_sides(known):
         model = _curve(corners, 0.0)
-        for turn in _turns(target, model):
-            for shift in _places(target, model, turn):
-                angle, place = _refined(target, model, turn, shift)
-                share = _share(target, model, angle, place)
-                c, s = math.cos(angle), math.sin(angle)
-                moved = corners @ np.array([[c, s], [-s, c]]) + place
-                found.append((share, angle, Placement(moved, share)))
-    found.sort(key=lambda item: -item[0])
-    kept: list[tuple[float, Placement]] = []
-    for share, angle, placement in found:
-        if share < found[0][0] - _SLACK or len(kept) == _KEPT:
+        candidates = [
+            (votes, turn, shift)
+            for turn in _turns(target, model)
+            for votes, shift in _places(target, model, turn)
+        ]
+        candidates.sort(key=lambda each: -each[0])
+        tried: list[Points] = []
+        for _, turn, shift in candidates:
+            place = _moved(corners, turn, shift)
+            if len(tried) == _REFINED or any(_same(place, other) for other in tried):
+                continue
+            tried.append(place)
+            turn, shift = _refined(target, model, turn, shift)
+            share = _share(target, model, turn, shift)
+            found.append(Placement(_moved(corners, turn, shift), share))
+    found.sort(key=lambda placement: -placement.share)
+    kept: list[Placement] = []
+    for placement in found:
+        if placement.share < found[0].share - _SLACK or len(kept) == _KEPT:
             break
-        if not any(_same(placement, other) for _, other in kept):
-            kept.append((angle, placement))
-    return [placement for _, placement in kept]
+        if not any(_same(placement.corners, other.corners) for other in kept):
+            kept.append(placement)
+    return kept
 
 
-def _same(one: Placement, other: Placement) -> bool:
-    """Whether two placements cover the same cloth, whichever corner is called the first."""
-    distance, _ = nearest(cKDTree(other.corners), one.corners)
+def _moved(corners: Points, turn: float, shift: Points) -> Points:
+    c, s = math.cos(turn), math.sin(turn)
+    return np.asarray(corners @ np.array([[c, s], [-s, c]]) + shift)
+
+
+def _same(one: Points, other: Points) -> bool:
+    """Whether two outlines cover the same cloth, whichever corner is called the first."""
+    distance, _ = nearest(cKDTree(other), one)
     return float(distance.max()) < _SAME_M
 
 
@@ -132,6 +147,12 @@ def _both_sides(corners: Points) -> list[Points]:
 
 def _is_symmetric(corners: Points) -> bool:
     """Whether the garment is its own mirror image, at some axis through its centroid."""
+    return _symmetry(tuple(map(tuple, corners.tolist())))
+
+
+@cache
+def _symmetry(outline: tuple[tuple[float, float], ...]) -> bool:
+    corners = np.array(outline)
     curve = _curve(corners, 0.0).points
     centre = curve.mean(axis=0)
     tree = cKDTree(curve - centre)
@@ -176,8 +197,8 @@ def _turns(target: _Curve, model: _Curve) -> list[float]:
     return [float(k) * _TURN_BIN for k in peaks[np.argsort(-votes[peaks])][:_TURNS]]
 
 
-def _places(target: _Curve, model: _Curve, turn: float) -> list[Points]:
-    """Return the shifts (2,) at which most points with the same tangents coincide."""
+def _places(target: _Curve, model: _Curve, turn: float) -> list[tuple[float, Points]]:
+    """Return the votes and shifts (2,) at which most points with the same tangents coincide."""
     c, s = math.cos(turn), math.sin(turn)
     rotated = model.points @ np.array([[c, s], [-s, c]])
     apart = np.abs(np.angle(np.exp(1j * (target.angles[:, None] - model.angles[None, :] - turn))))
@@ -193,7 +214,7 @@ def _places(target: _Curve, model: _Curve, turn: float) -> list[Points]:
     highest = cv2.dilate(votes, np.ones((7, 7), np.uint8))
     peaks = np.argwhere((votes >= highest) & (votes > 0.25 * votes.max()))
     order = np.argsort(-votes[tuple(peaks.T)])[:_PLACES]
-    return [low + _PLACE_BIN_M * peak for peak in peaks[order]]
+    return [(float(votes[tuple(peak)]), low + _PLACE_BIN_M * peak) for peak in peaks[order]]
 
 
 def _refined(target: _Curve, model: _Curve, turn: float, shift: Points) -> tuple[float, Points]:

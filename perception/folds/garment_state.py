@@ -18,6 +18,7 @@ from unwrinkle.perception.folds.flaps import Flap, flaps_by_borders, flaps_by_ou
 from unwrinkle.perception.folds.height_image import HeightImage, Points, height_image
 from unwrinkle.perception.folds.ridge_kinds import RidgeKind, ridge_kind
 from unwrinkle.perception.folds.settings import FoldSettings, fold_settings
+from unwrinkle.perception.layer_mask import LayerMask
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import NoiseProfile
 from unwrinkle.perception.wrinkles.wrinkle import Wrinkle
@@ -64,6 +65,7 @@ class FoldAnalysis:
         border_length: of all of them, metres.
         flaps: found, largest first.
         kinds: what each ridge of the analysis is, in its order.
+        layers: cells under the flaps.
     """
 
     state: GarmentState
@@ -75,6 +77,7 @@ class FoldAnalysis:
     border_length: float
     flaps: tuple[Flap, ...]
     kinds: tuple[RidgeKind, ...]
+    layers: LayerMask
 
     def to_json(self) -> dict[str, Any]:
         """Return the result as plain data."""
@@ -125,6 +128,9 @@ def analyse_folds(
         )
         reasons = (reason,)
     kinds = tuple(ridge_kind(image, settings, wrinkle) for wrinkle in wrinkles)
+    layers = np.zeros(image.garment.shape, dtype=bool)
+    for flap in flaps:
+        layers |= flap.region
     lines = tuple(image.world(line) for line in borders.lines())
     return FoldAnalysis(
         state,
@@ -136,6 +142,7 @@ def analyse_folds(
         borders.length,
         tuple(flaps),
         kinds,
+        LayerMask(layers, image.origin, image.resolution),
     )
 
 

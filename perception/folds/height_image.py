@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,8 +21,11 @@ Points = NDArray[np.float64]
 #: Width of the table around the garment that is kept, metres.
 _MARGIN_M = 0.03
 
-#: Least share of a cell's readings, and of its area that is garment.
+#: Least share of a cell's area that is garment.
 _LEAST_SHARE = 0.5
+
+#: Readings that are averaged along either side of a cell, at least.
+_READINGS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +33,9 @@ class HeightImage:
     """Heights above the table around a garment. Column j lies at x = origin[0] + j * resolution.
 
     Attributes:
-        height: (ny, nx) metres; holes in the garment take the nearest reading.
+        height: (ny, nx) metres, 0 outside the garment; its holes take the nearest reading.
         garment: (ny, nx) the garment's mask.
-        seen: (ny, nx) cells with readings.
+        seen: (ny, nx) cells of the garment with readings.
         resolution: side of a cell, metres.
         origin: (2,) world x, y of the centre of cell [0, 0].
     """
@@ -102,44 +106,51 @@ def height_image(range_map: RangeMap, cell: float) -> HeightImage:
     """
     size = max(1, round(cell / range_map.resolution))
     resolution = size * range_map.resolution
-    rows, columns = np.nonzero(range_map.garment)
-    if not len(rows):
-        raise InputError("range map: no garment in it; look again")
+    window = [_extent(range_map.garment.any(axis=axis)) for axis in (1, 0)]
     margin = size * max(1, round(_MARGIN_M / resolution))
-    first = np.array([rows.min(), columns.min()]) - margin
-    last = np.array([rows.max(), columns.max()]) + margin + 1
-    shape = -(-(last - first) // size) * size
-    where = [
-        slice(max(0, a), min(n, a + s))
-        for a, s, n in zip(first, shape, range_map.shape, strict=True)
-    ]
-    put = tuple(slice(w.start - a, w.stop - a) for w, a in zip(where, first, strict=True))
-
-    def binned(values: NDArray[np.float32]) -> Floats:
-        whole = np.zeros(shape, dtype=np.float32)
-        whole[put] = values[where[0], where[1]]
-        small = (int(shape[1]) // size, int(shape[0]) // size)
-        return np.asarray(cv2.resize(whole, small, interpolation=cv2.INTER_AREA), np.float32)
-
-    share = binned(range_map.garment.astype(np.float32))
-    garment = share > _LEAST_SHARE
-    # Readings of the garment and of the table beside it are not mixed.
-    on = range_map.valid & range_map.garment
-    counted, off_counted = (
-        binned(on.astype(np.float32)),
-        binned((range_map.valid & ~range_map.garment).astype(np.float32)),
+    first = np.array([ends[0] for ends in window]) - margin
+    last = np.array([ends[1] for ends in window]) + margin + 1
+    ny, nx = (-(-(last - first) // size)).tolist()
+    stride = max(1, size // _READINGS)  # of finer maps not every reading is averaged
+    offset = first + (size % stride + stride - 1) // 2
+    rows, columns = (
+        start + stride * np.arange(count * size // stride)
+        for start, count in zip(offset, (ny, nx), strict=True)
     )
-    total = binned(np.where(on, range_map.height, np.float32(0.0)))
-    off_total = binned(np.where(on, np.float32(0.0), range_map.height))
-    counted = np.where(garment, counted, off_counted)
-    total = np.where(garment, total, off_total)
-    seen = counted > 0.25 * np.where(garment, share, 1.0)
-    if not (seen & garment).any():
+    row_ok, column_ok = (
+        (index >= 0) & (index < length)
+        for index, length in zip((rows, columns), range_map.shape, strict=True)
+    )
+    taken = np.ix_(rows[row_ok], columns[column_ok])
+    put = np.ix_(row_ok, column_ok)
+
+    def binned(values: NDArray[Any]) -> Floats:
+        whole = np.zeros((len(rows), len(columns)), dtype=np.float32)
+        whole[put] = values
+        return np.asarray(cv2.resize(whole, (nx, ny), interpolation=cv2.INTER_AREA), np.float32)
+
+    inside = range_map.garment[taken]
+    on = inside & range_map.valid[taken]
+    share, counted = binned(inside), binned(on)
+    total = binned(np.where(on, range_map.height[taken], np.float32(0.0)))
+    garment = share > _LEAST_SHARE
+    seen = garment & (counted > 0.25 * share)
+    if not seen.any():
         raise InputError("range map: nothing of the garment was measured; look again")
     height = np.where(seen, total / np.maximum(counted, 1e-6), 0.0).astype(np.float32)
-    nearest = ndimage.distance_transform_edt(
-        ~(seen & garment), return_distances=False, return_indices=True
-    )
-    height = np.where(garment & ~seen, height[nearest[0], nearest[1]], height)
+    beside = ndimage.distance_transform_edt(~seen, return_distances=False, return_indices=True)
+    height = np.where(garment & ~seen, height[beside[0], beside[1]], height)
     origin = range_map.origin + range_map.resolution * (first[::-1] + 0.5 * (size - 1))
     return HeightImage(height, garment, seen, resolution, origin)
+
+
+def _extent(occupied: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return the first and the last index that is occupied.
+
+    Raises:
+        InputError: none is.
+    """
+    where = np.flatnonzero(occupied)
+    if not len(where):
+        raise InputError("range map: no garment in it; look again")
+    return int(where[0]), int(where[-1])
