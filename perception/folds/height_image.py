@@ -106,7 +106,7 @@ def height_image(range_map: RangeMap, cell: float) -> HeightImage:
     """
     size = max(1, round(cell / range_map.resolution))
     resolution = size * range_map.resolution
-    window = [_extent(range_map.garment.any(axis=axis)) for axis in (1, 0)]
+    window = [_extent(np.asarray(range_map.garment.any(axis=axis))) for axis in (1, 0)]
     margin = size * max(1, round(_MARGIN_M / resolution))
     first = np.array([ends[0] for ends in window]) - margin
     last = np.array([ends[1] for ends in window]) + margin + 1

@@ -3,7 +3,7 @@ the truth of the cloth.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,6 +75,31 @@ class FoldsResult:
     trials_wall: float
     sensors: dict[str, SensorFigures]
     runs: tuple[FoldTrial, ...]
+
+
+#: Rows of the table, and what they show of a sensor.
+_ROWS: dict[str, Callable[[SensorFigures], str]] = {
+    "states": lambda f: str(f.trials),
+    "called flat and not flat: flat area known, not known": lambda f: (
+        f"{f.false_flat}, {f.false_flat_unknown}"
+    ),
+    "state right, flat area known; not seen well enough": lambda f: (
+        f"{f.state_right_fraction:.1%}; {f.unseen_fraction:.1%}"
+    ),
+    "state right, flat area not known": lambda f: f"{f.state_right_unknown_fraction:.1%}",
+    "list of wrinkles: precision; true ones kept": lambda f: (
+        f"{f.wrinkle_precision:.2f}; {f.wrinkles_kept_fraction:.0%}"
+    ),
+    "corner, edge and pressed flaps found with the known outline": lambda f: (
+        f"{f.flap_found_fraction:.0%} of {f.flaps}"
+    ),
+    "direction in which they open, error: median, worst": lambda f: (
+        f"{f.flap_turn_median:.1f}, {f.flap_turn_max:.1f} deg"
+    ),
+    "area of the flap, error: median, worst": lambda f: (
+        f"{f.flap_area_error_median:.0%}, {f.flap_area_error_max:.0%}"
+    ),
+}
 
 
 def run(*, quick: bool, seed: int, progress: Progress) -> FoldsResult:
@@ -172,27 +197,3 @@ def table(results: FoldsResult) -> str:
             ),
         ]
     return "\n".join(parts) + "\n"
-
-
-_ROWS = {
-    "states": lambda f: str(f.trials),
-    "called flat and not flat: flat area known, not known": lambda f: (
-        f"{f.false_flat}, {f.false_flat_unknown}"
-    ),
-    "state right, flat area known; not seen well enough": lambda f: (
-        f"{f.state_right_fraction:.1%}; {f.unseen_fraction:.1%}"
-    ),
-    "state right, flat area not known": lambda f: f"{f.state_right_unknown_fraction:.1%}",
-    "list of wrinkles: precision; true ones kept": lambda f: (
-        f"{f.wrinkle_precision:.2f}; {f.wrinkles_kept_fraction:.0%}"
-    ),
-    "corner, edge and pressed flaps found with the known outline": lambda f: (
-        f"{f.flap_found_fraction:.0%} of {f.flaps}"
-    ),
-    "direction in which they open, error: median, worst": lambda f: (
-        f"{f.flap_turn_median:.1f}, {f.flap_turn_max:.1f} deg"
-    ),
-    "area of the flap, error: median, worst": lambda f: (
-        f"{f.flap_area_error_median:.0%}, {f.flap_area_error_max:.0%}"
-    ),
-}
