@@ -1,6 +1,7 @@
 """Matching of pairs with known disparity, and of pairs without any."""
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -17,10 +18,10 @@ from unwrinkle.perception.stereo.matching import Disparity, ImageNoise, match
 Field = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 NOISE = ImageNoise(0.0, 3.0)
 LEAST = (408, 616)  # matched at full size at once
-SMALL = (704, 960)
 LARGE = (1088, 1408)  # three scales above the finest
 
 
+@cache
 def pair(
     shape: tuple[int, int], field: Field, *, seed: int = 0, contrast: float = 30.0
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float64]]:
@@ -39,6 +40,8 @@ def pair(
         np.clip(np.rint(128.0 + v + rng.normal(0.0, NOISE.read, shape)), 1, 255).astype(np.uint8)
         for v in views
     )
+    for image in (left, right):
+        image.flags.writeable = False  # shared by the tests
     return left, right, field(x, y)
 
 
@@ -59,7 +62,7 @@ def inner(shape: tuple[int, int], margin: int = 40) -> tuple[slice, slice]:
     return slice(margin, shape[0] - margin), slice(margin, shape[1] - margin)
 
 
-@pytest.mark.parametrize("shape", [LEAST, SMALL, LARGE])
+@pytest.mark.parametrize("shape", [LEAST, LARGE])
 def test_disparity_of_a_wrinkled_slope(shape: tuple[int, int]) -> None:
     left, right, truth = pair(shape, waves)
     result = match(left, right, -16, 32, noise=NOISE)
@@ -189,6 +192,7 @@ def test_what_is_bare_unseen_or_out_of_range_is_not_valid() -> None:
         return np.where(y > 800.0, 60.0, 0.01 * x)
 
     left, right, truth = pair(LARGE, field)
+    left, right = left.copy(), right.copy()
     for seed, image in ((1, left), (2, right)):
         image[300:560, 300:700] = grey(150, 3, seed, (260, 400))
         image[:, :96] = 0

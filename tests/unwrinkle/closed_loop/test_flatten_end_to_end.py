@@ -51,7 +51,7 @@ def test_the_same_seed_gives_the_same_bits(tmp_path: Path) -> None:
     for name in ("one", "two"):
         done = run(
             *("-m", "unwrinkle", "flatten", "--no-live", "--scenario", "small.scenario.yaml"),
-            *("--start", "ridge", "--sensor", "xtion", "--seed", "3", "--actions", "1"),
+            *("--start", "ridge", "--sensor", "truth", "--seed", "3", "--actions", "1"),
             *("--out", name),
             folder=tmp_path,
         )

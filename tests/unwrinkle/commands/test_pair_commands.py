@@ -11,7 +11,11 @@ import numpy as np
 import pytest
 
 from unwrinkle import cli
-from unwrinkle.perception.stereo.head_file import nominal_calibration
+from unwrinkle.perception.range_map import RangeMap
+from unwrinkle.perception.stereo.head_file import load_head_angles, nominal_calibration
+from unwrinkle.perception.stereo.pair import load_pair
+from unwrinkle.perception.stereo.range_mapping import range_map_from_pair
+from unwrinkle.testing.table import TABLE
 
 Run = Callable[..., tuple[int, str]]
 
@@ -30,7 +34,8 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A pair of 1 megapixel with its head.yaml."""
     folder = tmp_path_factory.mktemp("rendered") / "pair"
     with pytest.MonkeyPatch.context() as monkeypatch:
-        assert called(("render", "--out", folder, "--scale", 0.25), monkeypatch) == 0
+        options = ("--scale", 0.25, "--seed", 3, "--gaze-at", "-0.05,-1.12")
+        assert called(("render", "--out", folder, *options), monkeypatch) == 0
     return folder
 
 
@@ -59,6 +64,34 @@ def refused(run: Run, pair: Path, *options: object, left: str = "left.png") -> s
     assert message.startswith("unwrinkle: ") and message.count("\n") == 1, message
     assert sorted(Path().rglob("*")) == before
     return message
+
+
+def test_the_pair_is_measured_as_its_truth_says(rendered: Path) -> None:
+    names = {"left.png", "right.png", "head.yaml", "truth.npz"}
+    assert {path.name for path in rendered.iterdir()} == names
+    assert list(rendered.parent.iterdir()) == [rendered]
+    assert str(rendered.parent) not in (rendered / "head.yaml").read_text()
+    pair = load_pair(rendered / "left.png", rendered / "right.png")
+    assert pair.left.shape == (816, 1232, 3)
+    look, calibration = load_head_angles(rendered / "head.yaml")
+    head = calibration.stereo_head()
+    for angle in (*look.gaze.left, *look.gaze.right):
+        assert angle / head.left.unit.step == pytest.approx(round(angle / head.left.unit.step))
+    X_WL, _ = head.poses(look.gaze)
+    at = X_WL[:3, 3] + X_WL[:3, 2] * (0.70 - X_WL[2, 3]) / X_WL[2, 2]
+    assert at == pytest.approx([-0.05, -1.12, 0.70], abs=0.001)
+    measured = range_map_from_pair(pair, head, look.gaze, table=TABLE)
+    truth = RangeMap.load(rendered / "truth.npz")
+    rows, columns = np.nonzero(measured.valid)
+    x, y = measured.world_from_cell(np.column_stack([columns, rows])).T
+    u, v = np.rint(truth.cell_from_world(np.column_stack([x, y]))).astype(int).T
+    inside = (u >= 0) & (v >= 0) & (u < truth.shape[1]) & (v < truth.shape[0])
+    u, v, rows, columns = u[inside], v[inside], rows[inside], columns[inside]
+    on = cv2.erode(truth.garment.astype(np.uint8), np.ones((21, 21)))[v, u] > 0
+    assert on.sum() > 10_000
+    error = (measured.height[rows, columns] - truth.height[v, u])[on]
+    assert np.sqrt(np.mean(error**2)) < 0.001
+    assert abs(np.median(error)) < 0.0002
 
 
 def test_a_pair_gets_a_plan_with_a_passing_verdict(run: Run, pair: Path) -> None:
