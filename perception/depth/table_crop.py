@@ -4,8 +4,6 @@ A depth camera above the cell also sees the floor. If the floor fills more of th
 table, `fit_table` would fit the floor.
 """
 
-import dataclasses as dc
-
 import numpy as np
 
 from unwrinkle.models.errors import InputError
@@ -59,13 +57,7 @@ def crop_to_table(capture: Capture, table: Table) -> Capture:
     registered = capture.colour is not None and capture.colour_registered
     return Capture(
         depth=depth,
-        camera=dc.replace(
-            camera,
-            width=int(high[0] - low[0]),
-            height=int(high[1] - low[1]),
-            cx=camera.cx - float(low[0]),
-            cy=camera.cy - float(low[1]),
-        ),
+        camera=camera.window(int(low[0]), int(low[1]), *(int(n) for n in high - low)),
         colour=capture.colour[window] if registered and capture.colour is not None else None,
         colour_registered=registered,
         X_WC=capture.X_WC,

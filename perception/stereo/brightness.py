@@ -86,15 +86,16 @@ def equalized(left: NDArray[np.uint8], right: NDArray[np.uint8], name: str) -> N
         return right
     wanted, given = np.quantile(a, _QUANTILES), np.quantile(b, _QUANTILES)
     ratio = float(np.median(wanted) / max(1.0, float(np.median(given))))
-    if float(np.sqrt(np.mean((wanted - given) ** 2))) <= _EQUAL and abs(ratio - 1.0) <= _EQUAL_RATIO:
+    apart = float(np.sqrt(np.mean((wanted - given) ** 2)))
+    if apart <= _EQUAL and abs(ratio - 1.0) <= _EQUAL_RATIO:
         return right
     inside = (np.minimum(wanted, given) >= _DARKEST) & (np.maximum(wanted, given) <= _BRIGHTEST)
     if not 1.0 / _MAX_RATIO <= ratio <= _MAX_RATIO:
         _refuse_ratio(ratio, name)
     if np.count_nonzero(inside) < _MIN_QUANTILES or np.ptp(given[inside]) < _MIN_RANGE:
         raise InputError(
-            f"{name}: the eyes' brightness differs ({ratio:.2f} times) and too little of the images "
-            f"is exposed well to compensate it; {_CURE}"
+            f"{name}: the eyes' brightness differs ({ratio:.2f} times) and too little of the "
+            f"images is exposed well to compensate it; {_CURE}"
         )
     gamma, gain, offset, residual = _curve(wanted[inside], given[inside])
     if residual > _MAX_RESIDUAL or gain <= 0.0:
