@@ -61,6 +61,7 @@ class Capture:
         colour_registered: whether colour and depth share pixels.
         X_WC: (4, 4) pose of the camera in the world, or None if unknown.
         name: for messages and output files.
+        garment_at: column and row of a pixel on the garment, where several objects lie in view.
 
     Raises:
         InputError: wrong shapes, an empty depth image, implausible depths, or a pose that is not a
@@ -74,6 +75,7 @@ class Capture:
     colour_registered: bool = False
     X_WC: NDArray[np.float64] | None = None
     name: str = "capture"
+    garment_at: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         """Check and copy the arrays and make them read-only."""
@@ -87,7 +89,7 @@ class Capture:
         if np.isnan(depth).all():
             raise InputError(f"{self.name}: depth is all NaN; record it again")
         depth[~np.isfinite(depth)] = 0.0
-        depth[depth > _MAX_DEPTH_M] = 0.0
+        depth[depth >= _MAX_DEPTH_M] = 0.0
         negative = np.unique(depth[depth < 0.0])
         if negative.size > 1 or (negative.size and not (depth > 0.0).any()):
             raise InputError(f"{self.name}: depth has negative readings; wanted metres, 0 for none")

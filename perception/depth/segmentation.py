@@ -4,6 +4,7 @@ GrabCut: C. Rother, V. Kolmogorov, A. Blake, SIGGRAPH 2004. A flat single layer 
 3 mm high, which is below a depth camera's noise: only colour distinguishes it from the table.
 """
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -67,6 +68,7 @@ def segment(
     *,
     colour: NDArray[np.uint8] | None = None,
     registered: bool = True,
+    choose: Callable[[Mask], Mask] | None = None,
     seed: int = 0,
     name: str = "capture",
 ) -> Segmentation:
@@ -79,6 +81,8 @@ def segment(
         colour: (h', w', 3) uint8 RGB, or None.
         registered: whether colour and depth share pixels (h', w' = h, w). Otherwise a similarity
             between them is estimated; if that fails, depth alone decides.
+        choose: returns the garment's part of the pixels (h, w) that stand above the table; None
+            for all of them.
         seed: of OpenCV's random numbers (k-means start of GrabCut's mixture models).
         name: of the capture, for messages.
 
@@ -93,6 +97,12 @@ def segment(
             f"{name}: no garment found (nothing over {_least_area(height.size)} pixels stands "
             f"{profile.garment_height * 1e3:.1f} mm above the table); lay a garment in view"
         )
+    if choose is not None:
+        kept = choose(depth_mask)
+        if not np.array_equal(kept, depth_mask):
+            smooth = np.where(depth_mask & ~kept, np.float32(0.0), smooth)
+            seen = seen & ~(depth_mask & ~kept)
+            depth_mask, core = kept, core & kept
     alignment = None
     image = None
     pictured = np.ones(seen.shape, dtype=bool)  # depth pixels that the colour image covers

@@ -4,11 +4,17 @@ A depth camera above the cell also sees the floor. If the floor fills more of th
 table, `fit_table` would fit the floor.
 """
 
+import logging
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.table import Table
 from unwrinkle.perception.depth.capture import Capture
+
+_log = logging.getLogger(__name__)
 
 #: Depth below the table's top, metres, beyond which readings are removed.
 _MAX_DEPTH_M = 0.05
@@ -54,12 +60,53 @@ def crop_to_table(capture: Capture, table: Table) -> Capture:
     depth = np.array(capture.depth[window])
     level = depth * (R_WC[2, 0] * x + R_WC[2, 1] * y + R_WC[2, 2]) + p_WC[2]
     depth[level < table.height - _MAX_DEPTH_M] = 0.0
-    registered = capture.colour is not None and capture.colour_registered
+    return _window(capture, depth, int(low[0]), int(low[1]))
+
+
+def crop_to_region(capture: Capture, region: Sequence[int]) -> Capture:
+    """Crop a capture to a part of its image.
+
+    Args:
+        capture: any capture.
+        region: left, top, right, bottom, pixels; right and bottom are not in it.
+
+    Raises:
+        InputError: the region is empty, too small or not within the image.
+    """
+    left, top, right, bottom = region
+    rows, columns = capture.depth.shape
+    if not (0 <= left < right <= columns and 0 <= top < bottom <= rows):
+        raise InputError(
+            f"{capture.name}: region {left},{top},{right},{bottom} is not within the image of "
+            f"{columns} x {rows}; give left, top, right, bottom"
+        )
+    if min(right - left, bottom - top) < _MIN_SIDE_PX:
+        raise InputError(
+            f"{capture.name}: region {left},{top},{right},{bottom} is too small, wanted at least "
+            f"{_MIN_SIDE_PX} pixels"
+        )
+    return _window(capture, np.array(capture.depth[top:bottom, left:right]), left, top)
+
+
+def _window(capture: Capture, depth: NDArray[np.float32], left: int, top: int) -> Capture:
+    """Return the capture of a window's depth, which begins at pixel (left, top)."""
+    rows, columns = depth.shape
+    colour = None
+    if capture.colour is not None and capture.colour_registered:
+        colour = capture.colour[top : top + rows, left : left + columns]
+    elif capture.colour is not None:
+        _log.warning(
+            "%s: the colour image is not registered to depth, and is not used for a part of it; "
+            "flat cloth is then not told from the table. Register it, and say --registered",
+            capture.name,
+        )
+    at = capture.garment_at
     return Capture(
         depth=depth,
-        camera=camera.window(int(low[0]), int(low[1]), *(int(n) for n in high - low)),
-        colour=capture.colour[window] if registered and capture.colour is not None else None,
-        colour_registered=registered,
+        camera=capture.camera.window(left, top, columns, rows),
+        colour=colour,
+        colour_registered=colour is not None,
         X_WC=capture.X_WC,
         name=capture.name,
+        garment_at=None if at is None else (at[0] - left, at[1] - top),
     )
