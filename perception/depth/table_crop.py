@@ -19,6 +19,9 @@ _log = logging.getLogger(__name__)
 #: Depth below the table's top, metres, beyond which readings are removed.
 _MAX_DEPTH_M = 0.05
 
+#: Largest fraction of the readings within the table's outline that lie below it.
+_MAX_BELOW = 0.5
+
 #: Least width and height of the window, pixels.
 _MIN_SIDE_PX = 32
 
@@ -58,9 +61,43 @@ def crop_to_table(capture: Capture, table: Table) -> Capture:
     window = (slice(low[1], high[1]), slice(low[0], high[0]))
     x, y = (axis[window] for axis in camera.rays())
     depth = np.array(capture.depth[window])
-    level = depth * (R_WC[2, 0] * x + R_WC[2, 1] * y + R_WC[2, 2]) + p_WC[2]
+    rays_W = np.stack([x, y, np.ones_like(x)], axis=-1) @ R_WC.T
+    level = depth * rays_W[..., 2] + p_WC[2]
+    _check_level(depth, level, rays_W, capture, table)
     depth[level < table.height - _MAX_DEPTH_M] = 0.0
     return _window(capture, depth, int(low[0]), int(low[1]))
+
+
+def _check_level(
+    depth: NDArray[np.float32],
+    level: NDArray[np.float64],
+    rays_W: NDArray[np.float64],
+    capture: Capture,
+    table: Table,
+) -> None:
+    """Refuse a pose by which most of what is seen on the table lies far below its top.
+
+    Args:
+        depth: (h, w) readings of the table's window, metres.
+        level: (h, w) their world z, metres.
+        rays_W: (h, w, 3) directions of the pixels in the world.
+        capture: with the pose, for messages.
+        table: the working table.
+
+    Raises:
+        InputError: naming both heights.
+    """
+    p_WC = np.asarray(capture.X_WC)[:3, 3]
+    down = np.minimum(rays_W[..., 2], -1e-6)
+    where = p_WC[:2] + rays_W[..., :2] * ((table.height - p_WC[2]) / down)[..., None]
+    on_table = (depth > 0.0) & ~table.outside(where)
+    below = on_table & (level < table.height - _MAX_DEPTH_M)
+    if np.count_nonzero(below) > _MAX_BELOW * max(1, np.count_nonzero(on_table)):
+        raise InputError(
+            f"{capture.name}: by the camera's pose, what lies where the table should be is at "
+            f"{float(np.median(level[below])):.3f} m, the cell's table at {table.height:.3f} m; "
+            "check the pose (metres, and of the camera in the world) and the depth unit"
+        )
 
 
 def crop_to_region(capture: Capture, region: Sequence[int]) -> Capture:
