@@ -122,8 +122,15 @@ def pose_hint(capture: Capture, table: Table) -> str:
 
 
 def _fits(X_WC: Pose, normal_C: np.ndarray, distance: float, table: Table) -> bool:
-    """Return whether a plane in the camera is level and at the table's height by a pose."""
+    """Return whether by a pose a plane in the camera is level, at the table's height, and in view
+    of the camera where the table is.
+    """
     R, p = X_WC[:3, :3], X_WC[:3, 3]
+    if abs(normal_C[2]) < 1e-6:
+        return False
+    seen = p + R[:, 2] * (-distance / normal_C[2])
+    if bool(table.outside(seen[:2])):
+        return False
     level = float((R @ normal_C)[2]) > np.cos(np.radians(_FITTING_TILT_DEG))
     height = float((R @ (-distance * normal_C) + p)[2])
     return level and abs(height - table.height) < _FITTING_HEIGHT_M

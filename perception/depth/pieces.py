@@ -66,8 +66,8 @@ def without_high_objects(
             top = float(np.quantile(height[(labels == label) & (high > 0)], 0.9))
             raise SeveralGarmentsError(
                 f"{name}: an object {top:.2f} m above the table touches what may be the garment "
-                f"(of at most {MAX_GARMENT_HEIGHT_M} m); move the arm or the object out of view, or "
-                "name the garment's part of the image with --region"
+                f"(of at most {MAX_GARMENT_HEIGHT_M} m); move the arm or the object out of view, "
+                "or name the garment's part of the image with --region"
             )
     mask = np.isin(labels, objects)
     top = float(np.quantile(height[mask], 0.9))

@@ -15,6 +15,7 @@ from unwrinkle.perception.depth.capture import DEFAULT_CAMERA, Capture, load_cap
 from unwrinkle.perception.depth.flying_pixels import without_flying_pixels
 from unwrinkle.perception.depth.pieces import garment_piece, without_high_objects
 from unwrinkle.perception.depth.segmentation import Segmentation, one_piece, segment
+from unwrinkle.perception.depth.table_choice import table_under_garment
 from unwrinkle.perception.depth.table_plane import TableFit, fit_table
 from unwrinkle.perception.height_grid import Grid, average
 from unwrinkle.perception.range_map import RangeMap
@@ -164,7 +165,7 @@ def segment_capture(
         InsufficientViewError: no table is found.
     """
     depth, camera, name = capture.depth, capture.camera, capture.name
-    table = fit_table(depth, camera, profile, seed=seed, name=name)
+    table, below = table_under_garment(depth, camera, profile, seed=seed, name=name)
     pixel = table.distance / min(camera.fx, camera.fy)
     # What lies far below is the floor, or a reading that is none.
     on_table = (depth > 0.0) & (table.height > -_MAX_BELOW_M)
@@ -178,7 +179,7 @@ def segment_capture(
         seed=seed,
         name=name,
     )
-    near = _grown(segmentation.garment)
+    near = _grown(segmentation.garment) | below
     table = fit_table(depth, camera, profile, exclude=near, seed=seed, name=name)
     return table, segmentation
 

@@ -146,6 +146,18 @@ def segment(
     return Segmentation(garment, image, method, alignment)
 
 
+def raised_pixels(height: NDArray[np.floating[Any]], seen: Mask, profile: NoiseProfile) -> Mask:
+    """Return the pixels (h, w) that by depth alone stand above the table.
+
+    Args:
+        height: (h, w) metres above the table plane.
+        seen: (h, w) bool, pixels with a reading.
+        profile: noise of the sensor.
+    """
+    smooth = smooth_heights(height, seen, _blur_radius(height.shape, profile))
+    return _by_depth(smooth, seen, profile)[0] & seen
+
+
 def smooth_heights(
     height: NDArray[np.floating[Any]], seen: Mask, radius: float
 ) -> NDArray[np.float32]:
