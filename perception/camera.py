@@ -13,8 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from unwrinkle.models.arrays import Pose
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.io.loader_yaml import load_yaml, models_dir
+from unwrinkle.models.io.pose_file import pose_of
 from unwrinkle.perception.camera_formats import ENDINGS, EXAMPLE, WANTED, camera_fields, numbers
 from unwrinkle.perception.sensor import noise_profile_names
 
@@ -26,6 +28,9 @@ _MIN_VIEW_DEG = 2.0
 
 #: Largest distance of a file's principal point from the middle of the image, fraction of the side.
 _MAX_OFF_CENTRE = 0.09
+
+#: Largest distance of a colour camera from its depth camera, metres.
+_MAX_BASELINE_M = 0.5
 
 #: Largest ratio of fx and fy in a file.
 _MAX_ASPECT = 1.1
@@ -221,6 +226,7 @@ def load_camera(name: str | Path) -> Camera:
             f"({', '.join(ENDINGS)})"
         )
     fields, own = camera_fields(path)
+    own = own and fields.pop("colour", None) is None
     if absent := [key for key in WANTED if key not in fields]:
         raise InputError(f"{path}: {', '.join(absent)} missing; wanted e.g. {EXAMPLE}")
     if own and not _nested(fields.get("distortion")):
@@ -238,6 +244,44 @@ def load_camera(name: str | Path) -> Camera:
             )
     check_intrinsics(camera, str(path))
     return camera
+
+
+def load_colour_camera(name: str | Path) -> tuple[Camera, Pose] | None:
+    """Load the colour camera that a depth camera's file describes under `colour`.
+
+    Its keys are those of a camera, and `pose`: the colour camera in the depth camera's frame.
+
+    Returns:
+        The camera and X_DC (4, 4); None for a file without one, and for a camera by name.
+
+    Raises:
+        InputError: a key is missing, or a value cannot be used; the message names the file.
+    """
+    path = Path(name)
+    if str(name) in camera_names() or path.suffix.lower() not in ENDINGS:
+        return None
+    fields = camera_fields(path)[0].get("colour")
+    if fields is None:
+        return None
+    label = f"{path}: colour"
+    known = (*WANTED, "name", "distortion", "pose")
+    if not isinstance(fields, dict) or not set(fields) <= set(known):
+        raise InputError(f"{label} needs the keys {', '.join((*WANTED, 'pose'))}")
+    if absent := [key for key in (*WANTED, "pose") if key not in fields]:
+        raise InputError(f"{label}: {', '.join(absent)} missing")
+    X_DC = pose_of(fields["pose"], f"{label}: pose")
+    values = {key: value for key, value in fields.items() if key != "pose"}
+    try:
+        camera = Camera(**values | {"distortion": numbers(values.get("distortion", []))})
+    except (InputError, TypeError) as error:
+        raise InputError(f"{label}: {error}") from None
+    check_intrinsics(camera, label)
+    if float(np.linalg.norm(X_DC[:3, 3])) > _MAX_BASELINE_M:
+        raise InputError(
+            f"{label}: its camera is {np.linalg.norm(X_DC[:3, 3]):.2f} m from the depth camera, at "
+            f"most {_MAX_BASELINE_M} m are plausible; write the translation in metres"
+        )
+    return camera, X_DC
 
 
 def check_intrinsics(camera: Camera, name: str) -> None:

@@ -31,7 +31,7 @@ EXAMPLE = (
 )
 
 #: The project's own keys, and other spellings of them.
-_OWN = (*WANTED, "name", "distortion", "sensor", "crop")
+_OWN = (*WANTED, "name", "distortion", "sensor", "crop", "colour")
 _SPELLINGS = {
     "ppx": "cx",
     "ppy": "cy",
@@ -167,7 +167,7 @@ def _other(path: Path, raw: Mapping[str, Any], lower: Mapping[str, Any]) -> dict
             size = numbers(value)
             if len(size) == 2:
                 fields |= {"width": size[0], "height": size[1]}
-        elif _SPELLINGS.get(key, key) in _OWN:
+        elif key != "colour" and _SPELLINGS.get(key, key) in _OWN:
             fields[_SPELLINGS.get(key, key)] = value
         elif not (_IGNORED.match(key) or key == "distortion"):
             _refuse_key(path, next(name for name in raw if name.lower() == key))
@@ -176,6 +176,8 @@ def _other(path: Path, raw: Mapping[str, Any], lower: Mapping[str, Any]) -> dict
         _check_model(path, lower["distortion"], coefficients)
     model = lower.get("distortion_model", lower.get("model", ""))
     _check_model(path, model, coefficients)
+    if "colour" in lower:
+        fields["colour"] = lower["colour"]
     if coefficients:
         fields["distortion"] = coefficients
     fields.setdefault("name", path.stem)

@@ -25,7 +25,8 @@ from unwrinkle.models.errors import InputError, InsufficientViewError
 from unwrinkle.models.io.archive import archive_members, load_archive, save_archive
 from unwrinkle.models.io.pose_file import load_pose
 from unwrinkle.models.transforms import check_translation, nearest_pose
-from unwrinkle.perception.camera import Camera, check_intrinsics, load_camera
+from unwrinkle.perception.camera import Camera, check_intrinsics, load_camera, load_colour_camera
+from unwrinkle.perception.depth.color_registration import registered_colour
 from unwrinkle.perception.depth.depth_units import UNIT_KEYS, depth_in_metres, stated_unit
 
 _log = logging.getLogger(__name__)
@@ -180,7 +181,19 @@ def load_capture(
     if colour_registered is not None:
         registered = colour_registered
     X_WC = _pose_of(pose, arrays)
-    return Capture(depth, chosen, image, registered, X_WC, str(path))
+    capture = Capture(depth, chosen, image, registered, X_WC, str(path))
+    beside = None if camera is None or isinstance(camera, Camera) else load_colour_camera(camera)
+    if beside is None or capture.colour is None or capture.colour_registered:
+        return capture
+    colour_camera, X_DC = beside
+    wanted = (colour_camera.height, colour_camera.width)
+    if capture.colour.shape[:2] != wanted:
+        raise InputError(
+            f"{path}: its colour image is {capture.colour.shape[:2]} (rows, columns), the colour "
+            f"camera of {camera} has {wanted}; give both of one resolution"
+        )
+    seen = registered_colour(capture.colour, capture.depth, chosen, colour_camera, X_DC)
+    return dataclasses.replace(capture, colour=seen, colour_registered=True)
 
 
 def save_capture(

@@ -4,6 +4,7 @@ GrabCut: C. Rother, V. Kolmogorov, A. Blake, SIGGRAPH 2004. A flat single layer 
 3 mm high, which is below a depth camera's noise: only colour distinguishes it from the table.
 """
 
+import logging
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -18,6 +19,8 @@ from unwrinkle.models.arrays import Mask
 from unwrinkle.models.errors import InsufficientViewError, NoGarmentError
 from unwrinkle.perception.depth.color_registration import align_colour
 from unwrinkle.perception.sensor import NoiseProfile
+
+_log = logging.getLogger(__name__)
 
 #: Width of the image that GrabCut works on, pixels: for the competing cuts, of which the best only
 #: starts or aligns the last one, and for that.
@@ -137,6 +140,16 @@ def segment(
             garment = _by_depth(smooth, seen, profile)[0]
     else:
         method = "depth"
+    if colour is not None and method == "depth":
+        _log.warning(
+            "%s: the colour image is not used, %s; flat parts of the garment may be missed. Give "
+            "the colour camera in the camera's file, or a colour image with depth's pixels and "
+            "--registered",
+            name,
+            "what is raised is not in its cut (is it registered?)"
+            if registered
+            else "its place over the depth image could not be verified",
+        )
     garment = one_piece(garment)
     share = np.count_nonzero(garment) / garment.size
     if share > _MAX_AREA_FRACTION:
@@ -187,7 +200,9 @@ def _by_depth(smooth: NDArray[np.float32], seen: Mask, profile: NoiseProfile) ->
     strength = np.bincount(labels[strong], minlength=len(stats))
     strength[0] = 0
     least = 0.5 * _least_area(smooth.size)
-    good = (strength > 0.25 * stats[:, cv2.CC_STAT_AREA]) & (stats[:, cv2.CC_STAT_AREA] > least)
+    # Thick cloth with one high fold is mostly weak; a garment's area of strong pixels is no noise.
+    enough = (strength > 0.25 * stats[:, cv2.CC_STAT_AREA]) | (strength > _least_area(smooth.size))
+    good = enough & (stats[:, cv2.CC_STAT_AREA] > least)
     good &= strength > 0.05 * max(1, strength.max())
     good[0] = False
     mask: Mask = good[labels]
