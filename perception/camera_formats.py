@@ -74,9 +74,11 @@ class _Loader(yaml.SafeLoader):
     """Reads OpenCV's matrices as mappings."""
 
 
-_Loader.add_constructor(
-    "tag:yaml.org,2002:opencv-matrix", lambda loader, node: loader.construct_mapping(node, True)
-)
+def _opencv_matrix(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Any, Any]:
+    return loader.construct_mapping(node, deep=True)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _opencv_matrix)
 
 
 def camera_fields(path: Path) -> tuple[dict[str, Any], bool]:

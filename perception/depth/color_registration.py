@@ -8,6 +8,7 @@ identity. A colour camera of another field of view shows by a better correlation
 that one is used only where it is clear.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -27,13 +28,16 @@ _FINE_WIDTH_PX = 320
 #: Scales of the coarse search.
 _SCALES = np.linspace(0.88, 1.16, 15)
 
-#: Other scales: of a colour camera with another field of view.
-_OTHER_SCALES = np.concatenate([np.linspace(0.5, 0.85, 15), np.linspace(1.19, 1.8, 20)])
+#: Scales among them that are those of cameras with like lenses.
+_USUAL = (0.95, 1.13)
 
-#: Gain of the correlation at such a scale by which it is the truth, and the least correlation there
-#: at which it is used; in between, the alignment is unknown.
-_OTHER_GAIN = 0.02
-_OTHER_CORRELATION = 0.7
+#: Other scales: of a colour camera with another field of view.
+_OTHER_SCALES = np.concatenate([np.linspace(0.5, 0.86, 16), np.linspace(1.18, 1.9, 22)])
+
+#: Gain of the correlation at an unusual scale by which it is the truth, and the least correlation
+#: there at which it is used; in between, the alignment is unknown.
+_UNUSUAL_GAIN = 0.02
+_UNUSUAL_CORRELATION = 0.7
 
 #: Mean of the prior: scale, rotation (rad), shift x and y (image widths).
 _PRIOR_MEAN = np.array([1.03, 0.0, 0.0, 0.0])
@@ -54,13 +58,29 @@ _UNSEEN_GREY = 128
 _MIN_CORRELATION = 0.35
 
 
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """Similarity from colour pixels to depth pixels.
+
+    Attributes:
+        matrix: (2, 3) affine.
+        scale: of the images' widths.
+        unusual: whether the colour camera has another field of view than cameras of one housing
+            mostly have.
+    """
+
+    matrix: NDArray[np.float64]
+    scale: float
+    unusual: bool
+
+
 def align_colour(
     colour_mask: NDArray[np.bool_],
     height: NDArray[np.floating[Any]],
     seen: NDArray[np.bool_],
     *,
     span: float,
-) -> NDArray[np.float64] | None:
+) -> Alignment | None:
     """Estimate the similarity from colour pixels to depth pixels.
 
     Args:
@@ -70,19 +90,23 @@ def align_colour(
         span: height at which the evidence for garment saturates, metres.
 
     Returns:
-        The affine matrix (2, 3), or None if the best correlation is too low or implausible.
+        The alignment, or None if the best correlation is too low or implausible.
     """
     evidence = np.clip(height / span, -0.5, 1.0).astype(np.float32)
     evidence[~seen] = 0.0
     if not colour_mask.any() or colour_mask.all():
         return None
+    usual = (_USUAL[0] <= _SCALES) & (_USUAL[1] >= _SCALES)
+    correlation, _ = _coarse(colour_mask, evidence, _SCALES[usual])
+    near, coarse = _coarse(colour_mask, evidence, _SCALES)
+    far, other = _coarse(colour_mask, evidence, _OTHER_SCALES)
     mean = _PRIOR_MEAN
-    correlation, coarse = _coarse(colour_mask, evidence, _SCALES)
-    elsewhere, other = _coarse(colour_mask, evidence, _OTHER_SCALES)
-    if elsewhere > correlation + _OTHER_GAIN:
-        if elsewhere < _OTHER_CORRELATION:
-            return None
-        coarse, mean = other, np.array([other[0], 0.0, other[1], other[2]])
+    unusual = max(near, far) > correlation + _UNUSUAL_GAIN
+    if unusual and max(near, far) >= _UNUSUAL_CORRELATION:
+        coarse = other if far > near else coarse
+        mean = np.array([coarse[0], 0.0, coarse[1], coarse[2]])
+    elif unusual and far > near:
+        return None
     scale = _FINE_WIDTH_PX / evidence.shape[1]
     small = cv2.resize(evidence, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     # Reduce the colour mask by area first; warping a thin mask directly would alias.
@@ -106,7 +130,8 @@ def align_colour(
     away = np.abs(found.x - mean) / _PRIOR_SIGMA
     if -found.fun < _MIN_CORRELATION or away.max() > _MAX_PRIOR_DISTANCE:
         return None
-    return _similarity(found.x, colour_mask.shape, evidence.shape)
+    matrix = _similarity(found.x, colour_mask.shape, evidence.shape)
+    return Alignment(matrix, float(found.x[0]), mean is not _PRIOR_MEAN)
 
 
 def registered_colour(

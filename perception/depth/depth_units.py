@@ -80,7 +80,8 @@ def _unit(key: str, value: Any, path: Path) -> float:
 def depth_in_metres(
     raw: NDArray[Any], given: float | None, stated: float | None, path: Path
 ) -> NDArray[np.float32]:
-    """Return stored depth in metres, 0 where an integer type's largest value says "no reading".
+    """Return stored depth in metres, 0 where 65535 or an integer type's largest value says
+    "no reading".
 
     Args:
         raw: (h, w) integers or floats.
@@ -105,9 +106,9 @@ def depth_in_metres(
     unit = given if given is not None else stated
     if unit is not None and unit > _MAX_UNIT:
         raise InputError(f"{path}: integers of {unit:g} m are no depth; give metres per unit")
-    numbers = np.where(raw == np.iinfo(raw.dtype).max, 0, raw).astype(np.float64)
-    depth = numbers * (_MILLIMETRE if unit is None else unit)
-    seen = depth[(depth > 0.0) & (depth <= _MAX_MEDIAN_M)]
+    none = (raw == np.iinfo(raw.dtype).max) | (raw == np.iinfo(np.uint16).max)
+    depth = np.where(none, 0, raw).astype(np.float64) * (_MILLIMETRE if unit is None else unit)
+    seen = depth[depth > 0.0]
     if unit is None and seen.size and float(np.median(seen)) > _MAX_UNSTATED_M:
         raise InputError(
             f"{path}: read as millimetres, most lies {np.median(seen):.1f} m away; is its unit "

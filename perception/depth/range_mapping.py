@@ -169,9 +169,10 @@ def segment_capture(
     pixel = table.distance / min(camera.fx, camera.fy)
     # What lies far below is the floor, or a reading that is none.
     on_table = (depth > 0.0) & (table.height > -_MAX_BELOW_M)
+    kept = without_high_objects(table.height, on_table, pixel, name)
     segmentation = segment(
         table.height,
-        without_high_objects(table.height, on_table, pixel, name),
+        kept,
         profile,
         colour=capture.colour,
         registered=capture.colour_registered,
@@ -181,6 +182,9 @@ def segment_capture(
     )
     near = _grown(segmentation.garment) | below
     table = fit_table(depth, camera, profile, exclude=near, seed=seed, name=name)
+    high = on_table & ~kept
+    if high.any():  # no reading of the garment, wherever it lies in plan
+        table = dataclasses.replace(table, depth=np.where(high, 0.0, table.depth))
     return table, segmentation
 
 

@@ -39,6 +39,11 @@ _MIN_SAMPLES = 20
 #: Largest area of a garment, fraction of the view: the table must be visible around it.
 _MAX_AREA_FRACTION = 0.92
 
+#: Estimates of the place of a colour image with another field of view, and the change of its scale,
+#: fraction, at which they agree.
+_MAX_ALIGNMENTS = 6
+_SAME_SCALE = 0.012
+
 #: Least fraction of the depth core inside a colour cut; below it depth alone decides.
 _MIN_CORE_FRACTION = 0.85
 
@@ -114,8 +119,7 @@ def segment(
         image = colour
         depth_mask = _grab_cut_first(colour, core, depth_mask, seed) | core
     elif colour is not None:
-        first = _grab_cut_first(colour, core, depth_mask, seed)
-        alignment = align_colour(first, smooth, seen, span=0.8 * profile.garment_height)
+        first, alignment = _aligned(colour, core, depth_mask, smooth, seen, profile, seed)
         if alignment is not None:
             size = (height.shape[1], height.shape[0])
             image = np.asarray(
@@ -157,6 +161,44 @@ def segment(
             f"{name}: the garment fills {share:.0%} of the view; the table must be seen around it"
         )
     return Segmentation(garment, image, method, alignment)
+
+
+def _aligned(
+    colour: NDArray[np.uint8],
+    core: Mask,
+    mask: Mask,
+    smooth: NDArray[np.float32],
+    seen: Mask,
+    profile: NoiseProfile,
+    seed: int,
+) -> tuple[Mask, NDArray[np.float64] | None]:
+    """Cut the garment out of an unregistered colour image, and estimate its place over depth.
+
+    The cut begins with the core of the depth image where it would lie if both cameras had one field
+    of view. If they do not, the cut is repeated with the core where the estimate has it, until
+    both agree.
+
+    Returns:
+        The mask (h', w') in the colour image, and the affine (2, 3) to depth pixels; None where it
+        is unknown.
+    """
+    first = _grab_cut_first(colour, core, mask, seed)
+    scale = 1.0
+    for _ in range(_MAX_ALIGNMENTS):
+        found = align_colour(first, smooth, seen, span=0.8 * profile.garment_height)
+        if found is None:
+            break
+        if not found.unusual or abs(found.scale / scale - 1.0) < _SAME_SCALE:
+            return first, found.matrix
+        scale = found.scale
+        size = (colour.shape[1], colour.shape[0])
+        flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+        there, around = (
+            np.asarray(cv2.warpAffine(part.astype(np.uint8), found.matrix, size, flags=flags)) > 0
+            for part in (core, mask)
+        )
+        first = _grab_cut_first(colour, there, around, seed)
+    return first, None
 
 
 def raised_pixels(height: NDArray[np.floating[Any]], seen: Mask, profile: NoiseProfile) -> Mask:

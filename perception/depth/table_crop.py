@@ -92,7 +92,8 @@ def _check_level(
     where = p_WC[:2] + rays_W[..., :2] * ((table.height - p_WC[2]) / down)[..., None]
     on_table = (depth > 0.0) & ~table.outside(where)
     below = on_table & (level < table.height - _MAX_DEPTH_M)
-    if np.count_nonzero(below) > _MAX_BELOW * max(1, np.count_nonzero(on_table)):
+    seen = max(1, int(np.count_nonzero(on_table)))
+    if int(np.count_nonzero(below)) > _MAX_BELOW * seen:
         raise InputError(
             f"{capture.name}: by the camera's pose, what lies where the table should be is at "
             f"{float(np.median(level[below])):.3f} m, the cell's table at {table.height:.3f} m; "

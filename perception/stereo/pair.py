@@ -84,7 +84,8 @@ def load_pair(left: str | Path, right: str | Path) -> StereoPair:
     for path, image in zip((left, right), images, strict=True):
         if image is None:
             raise InputError(f"{path}: is no readable image; copy or take it again")
-    return StereoPair(*(image for image in images if image is not None), name=name)
+    left_image, right_image = (image for image in images if image is not None)
+    return StereoPair(left_image, right_image, name)
 
 
 def _thinned(image: NDArray[np.uint8]) -> NDArray[Any]:
