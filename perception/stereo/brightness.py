@@ -22,7 +22,7 @@ _QUANTILES = np.linspace(0.04, 0.96, 47)
 _DARKEST, _BRIGHTEST = 3.0, 250.0
 
 #: Exponents that are tried. The first is that of equal cameras.
-_GAMMAS = (1.0, *np.geomspace(0.4, 2.5, 25))
+_GAMMAS = (1.0, *np.geomspace(0.45, 2.2, 23))
 
 #: Least number of quantiles, and least range of grey levels, for a curve.
 _MIN_QUANTILES = 12
