@@ -69,16 +69,16 @@ class Camera:
     def __post_init__(self) -> None:
         """Check that the intrinsics are plausible."""
         label = f"camera {self.name!r}"
+        if not all(isfinite(number) for number in self.distortion):
+            raise InputError(f"{label}: distortion {self.distortion} must be finite")
+        if self.width < 2 or self.height < 2:
+            raise InputError(f"{label}: image size {self.width} x {self.height} is no image size")
         intrinsics = {key: getattr(self, key) for key in ("fx", "fy", "cx", "cy")}
         if absent := [key for key, value in intrinsics.items() if not isfinite(value)]:
             raise InputError(
                 f"{label}: {', '.join(absent)} missing or not finite; give fx, fy, cx and cy in "
                 "pixels of the image"
             )
-        if not all(isfinite(number) for number in self.distortion):
-            raise InputError(f"{label}: distortion {self.distortion} must be finite")
-        if self.width < 2 or self.height < 2:
-            raise InputError(f"{label}: image size {self.width} x {self.height} is no image size")
         if self.fx <= 0.0 or self.fy <= 0.0:
             raise InputError(f"{label}: focal length fx {self.fx}, fy {self.fy} must be positive")
         if len(self.distortion) not in (0, 4, 5):

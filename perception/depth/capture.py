@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from unwrinkle.models.errors import InputError, InsufficientViewError
 from unwrinkle.models.io.archive import archive_members, load_archive, save_archive
+from unwrinkle.models.io.images import decoded_images
 from unwrinkle.models.io.pose_file import load_pose
 from unwrinkle.models.transforms import check_translation, nearest_pose
 from unwrinkle.perception.camera import Camera, check_intrinsics, load_camera, load_colour_camera
@@ -330,12 +331,10 @@ def _colour_of(
 
 
 def _decoded(encoded: NDArray[Any], path: Path) -> NDArray[np.uint8]:
-    image = None
-    if encoded.dtype == np.uint8 and encoded.size:
-        image = cv2.imdecode(encoded, cv2.IMREAD_COLOR)
+    image = decoded_images([encoded])[0] if encoded.dtype == np.uint8 else None
     if image is None:
         raise InputError(f"{path}: its colour is no readable image; record it again")
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+    return image
 
 
 def _pose_of(

@@ -39,10 +39,10 @@ _MAX_UNIT = 0.1
 _MIN_PER_METRE = 10.0
 
 #: Limits of a plausible median depth, metres; and the largest one that is taken without a unit: the
-#: cameras of a cell look from nearer, and a fifth of a millimetre reads as five times as far.
+#: cameras of a cell look from nearer, and a quarter of a millimetre reads as four times as far.
 _MIN_MEDIAN_M = 0.1
 _MAX_MEDIAN_M = 10.0
-_MAX_UNSTATED_M = 3.5
+_MAX_UNSTATED_M = 2.5
 
 
 def stated_unit(header: Mapping[str, Any], path: Path) -> float | None:

@@ -5,7 +5,6 @@ pieces that may each be a garment, none is chosen silently: a pixel on the garme
 """
 
 import logging
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -82,59 +81,66 @@ def without_high_objects(
     return np.asarray(seen & (cv2.dilate(mask.astype(np.uint8), disc) == 0))
 
 
-@dataclass(frozen=True)
-class _Piece:
-    """A piece: its label, its area, square metres, and its middle, pixels."""
-
-    label: int
-    area: float
-    middle: tuple[float, float]
-
-
-def garment_piece(
-    raised: Mask, pixel: float, name: str, at: tuple[float, float] | None = None
-) -> Mask:
-    """Return the part of the raised pixels that belongs to the garment.
+def refuse_other_pieces(garment: Mask, raised: Mask, pixel: float, name: str) -> None:
+    """Refuse a view in which another piece may be the garment as well.
 
     Args:
-        raised: (h, w) bool, pixels that stand above the table.
-        pixel: their spacing on the table, metres.
+        garment: (h, w) bool, the mask of the garment.
+        raised: (h, w) bool, pixels that by depth stand above the table.
+        pixel: spacing of the pixels on the table, metres.
         name: of the capture, for messages.
-        at: column and row of a pixel on the garment, or None.
 
     Raises:
-        SeveralGarmentsError: several pieces may be the garment and no pixel names one, or there is
-            no piece at the pixel.
+        SeveralGarmentsError: there is such a piece; the message has the places of both.
+    """
+    count, labels, _ = _labelled(raised | garment, pixel)
+    own = np.unique(labels[garment])
+    areas = np.bincount(labels.ravel(), minlength=count) * pixel**2
+    areas[0] = areas[own] = 0.0
+    area = np.count_nonzero(garment) * pixel**2
+    least = max(_MIN_GARMENT_M2, _MIN_SHARE * area)
+    others = [label for label in np.argsort(-areas) if areas[label] >= least]
+    if not others:
+        return
+    column, row = _middle(garment)
+    places = [
+        f"{np.count_nonzero(garment) * pixel**2:.3f} around column {column:.0f}, row {row:.0f}"
+    ]
+    for label in others[:3]:
+        at = _middle(raised & (labels == label))
+        places.append(f"{areas[label]:.3f} around column {at[0]:.0f}, row {at[1]:.0f}")
+    raise SeveralGarmentsError(
+        f"{name}: {1 + len(others)} pieces on the table may be the garment (square metres: "
+        f"{'; '.join(places)}); leave one there, or name a pixel on it, e.g. --at "
+        f"{column:.0f},{row:.0f}; of one thin cloth, depth alone sees the folds: give --colour"
+    )
+
+
+def _labelled(raised: Mask, pixel: float) -> tuple[int, NDArray[Any], Mask]:
+    """Return the number of pieces, the labels (h, w) and the pixels near a piece, pieces that are
+    close to each other as one.
     """
     radius = max(1, round(0.5 * _SAME_GARMENT_M / pixel))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     grown = cv2.dilate(raised.astype(np.uint8), disc)
     count, labels = cv2.connectedComponents(grown)
-    labels = np.where(raised, labels, 0)
-    areas = np.bincount(labels.ravel(), minlength=count) * pixel**2
-    areas[0] = 0.0
-    largest = float(areas.max(initial=0.0))
-    if largest == 0.0:
-        return raised
-    if at is not None:
-        return _named(labels, grown > 0, at, name)
-    pieces = [
-        _Piece(int(label), float(areas[label]), _middle(labels == label))
-        for label in np.argsort(-areas)
-        if areas[label] >= _MIN_SHARE * largest and areas[label] >= _MIN_GARMENT_M2
-    ]
-    if len(pieces) > 1:
-        where = "; ".join(
-            f"{piece.area:.3f} square metres around column {piece.middle[0]:.0f}, row "
-            f"{piece.middle[1]:.0f}"
-            for piece in pieces[:4]
-        )
-        column, row = pieces[0].middle
-        raise SeveralGarmentsError(
-            f"{name}: {len(pieces)} pieces on the table may be the garment ({where}); leave one "
-            f"there, or name a pixel on it, e.g. --at {column:.0f},{row:.0f}"
-        )
-    return raised
+    return count, np.where(raised, labels, 0), np.asarray(grown) > 0
+
+
+def named_piece(raised: Mask, pixel: float, name: str, at: tuple[float, float]) -> Mask:
+    """Return the piece (h, w) of the pixels above the table that a pixel lies on.
+
+    Args:
+        raised: (h, w) bool, pixels that stand above the table.
+        pixel: their spacing on the table, metres.
+        name: of the capture, for messages.
+        at: column and row of a pixel on the garment.
+
+    Raises:
+        SeveralGarmentsError: there is no piece at the pixel.
+    """
+    _, labels, near = _labelled(raised, pixel)
+    return _named(labels, near, at, name)
 
 
 def _named(labels: NDArray[Any], near: Mask, at: tuple[float, float], name: str) -> Mask:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from unwrinkle.models.errors import InputError, InsufficientViewError
 from unwrinkle.perception.depth.capture import DEFAULT_CAMERA, Capture, load_capture, save_capture
 from unwrinkle.perception.depth.flying_pixels import without_flying_pixels
-from unwrinkle.perception.depth.pieces import garment_piece, without_high_objects
+from unwrinkle.perception.depth.pieces import named_piece, refuse_other_pieces, without_high_objects
 from unwrinkle.perception.depth.segmentation import Segmentation, one_piece, segment
 from unwrinkle.perception.depth.table_choice import table_under_garment
 from unwrinkle.perception.depth.table_plane import TableFit, fit_table
@@ -162,9 +162,11 @@ def segment_capture(
 
     Raises:
         NoGarmentError: there is no garment on the table.
+        SeveralGarmentsError: more than one thing may be it.
         InsufficientViewError: no table is found.
     """
     depth, camera, name = capture.depth, capture.camera, capture.name
+    at = capture.garment_at
     table, below = table_under_garment(depth, camera, profile, seed=seed, name=name)
     pixel = table.distance / min(camera.fx, camera.fy)
     # What lies far below is the floor, or a reading that is none.
@@ -176,10 +178,12 @@ def segment_capture(
         profile,
         colour=capture.colour,
         registered=capture.colour_registered,
-        choose=lambda raised: garment_piece(raised, pixel, name, capture.garment_at),
+        choose=None if at is None else lambda raised: named_piece(raised, pixel, name, at),
         seed=seed,
         name=name,
     )
+    if at is None:
+        refuse_other_pieces(segmentation.garment, segmentation.raised, pixel, name)
     near = _grown(segmentation.garment) | below
     table = fit_table(depth, camera, profile, exclude=near, seed=seed, name=name)
     high = on_table & ~kept

@@ -60,12 +60,14 @@ class Segmentation:
         garment: (h, w) bool mask of the garment.
         colour: (h, w, 3) uint8 RGB in the depth image's pixels, or None.
         method: data that decided: "colour", "aligned colour" or "depth".
+        raised: (h, w) bool, pixels that by depth stand above the table, the garment's and others'.
         alignment: (2, 3) affine from colour pixels to depth pixels if it was estimated.
     """
 
     garment: Mask
     colour: NDArray[np.uint8] | None
     method: str
+    raised: Mask
     alignment: NDArray[np.float64] | None = None
 
 
@@ -100,6 +102,7 @@ def segment(
     """
     smooth = smooth_heights(height, seen, _blur_radius(height.shape, profile))
     depth_mask, core = _by_depth(smooth, seen, profile)
+    raised = depth_mask & seen
     if not core.any():
         raise NoGarmentError(
             f"{name}: no garment found (nothing over {_least_area(height.size)} pixels stands "
@@ -160,7 +163,7 @@ def segment(
         raise InsufficientViewError(
             f"{name}: the garment fills {share:.0%} of the view; the table must be seen around it"
         )
-    return Segmentation(garment, image, method, alignment)
+    return Segmentation(garment, image, method, raised, alignment)
 
 
 def _aligned(
