@@ -89,7 +89,7 @@ class Camera:
             ("x", self.width, self.fx, self.cx),
             ("y", self.height, self.fy, self.cy),
         ):
-            if not -0.5 * size <= centre <= 1.5 * size:
+            if not self.crop and not -0.5 * size <= centre <= 1.5 * size:
                 raise InputError(
                     f"{label}: principal point c{axis} = {centre} lies far outside the image "
                     f"of {size} pixels; are the intrinsics of another resolution?"
