@@ -38,11 +38,14 @@ _MILLIMETRE = 0.001
 _MAX_UNIT = 0.1
 _MIN_PER_METRE = 10.0
 
-#: Limits of a plausible median depth, metres; and the largest one that is taken without a unit: the
-#: cameras of a cell look from nearer, and a quarter of a millimetre reads as four times as far.
+#: Limits of a plausible median depth, metres; and the largest depth that is taken without a unit:
+#: the cameras of a cell look from nearer, and a quarter of a millimetre reads as four times as far.
 _MIN_MEDIAN_M = 0.1
 _MAX_MEDIAN_M = 10.0
 _MAX_UNSTATED_M = 2.5
+
+#: Quantile of the readings that is compared with it: much of the view may be floor.
+_NEAR = 0.1
 
 
 def stated_unit(header: Mapping[str, Any], path: Path) -> float | None:
@@ -109,7 +112,7 @@ def depth_in_metres(
     none = (raw == np.iinfo(raw.dtype).max) | (raw == np.iinfo(np.uint16).max)
     depth = np.where(none, 0, raw).astype(np.float64) * (_MILLIMETRE if unit is None else unit)
     seen = depth[depth > 0.0]
-    if unit is None and seen.size and float(np.median(seen)) > _MAX_UNSTATED_M:
+    if unit is None and seen.size and float(np.quantile(seen, _NEAR)) > _MAX_UNSTATED_M:
         raise InputError(
             f"{path}: read as millimetres, most lies {np.median(seen):.1f} m away; is its unit "
             "another (0.1 mm: --depth-unit 0.0001, 1/5000 m: --depth-unit 0.0002)? If it is "
