@@ -88,7 +88,7 @@ class TableView:
         try:
             refuse_other_pieces(found.garment, found.raised, pixel, self.name)
         except SeveralGarmentsError as error:
-            # The loop's own garment may be seen in parts; the largest one is pulled, and it is said.
+            # A garment of the loop may be seen in parts; the largest one is pulled.
             _log.warning("%s. The first one is taken", error)
         full = (self.grid.nx, self.grid.ny)
         mask = cv2.resize(found.garment.astype(np.float32), full, interpolation=cv2.INTER_LINEAR)
