@@ -16,7 +16,7 @@ _HALF = 2
 
 #: Least difference that is examined: a length, metres, and multiples of the sensor's noise.
 _MIN_DIFFERENCE_M = 0.012
-_NOISES = 6.0
+_NOISES = 12.0
 
 #: Least fraction of the window's readings that agree with a reading that stays, and the least
 #: number of readings in its window.
