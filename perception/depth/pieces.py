@@ -71,10 +71,9 @@ def without_high_objects(
     mask = np.isin(labels, objects)
     top = float(np.quantile(height[mask], 0.9))
     _log.warning(
-        "%s: an object %.2f m above the table lies in view (%.3f square metres); it is left out",
+        "%s: an object %.2f m above the table lies in view; it is left out",
         name,
         top,
-        np.count_nonzero(mask) * pixel**2,
     )
     radius = max(1, round(_RIM_M / pixel))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
