@@ -41,7 +41,26 @@ RegisteredOption = Annotated[
     bool | None, typer.Option(help="Whether colour has the pixels of depth (default: by the file).")
 ]
 PoseOption = Annotated[
-    Path | None, typer.Option(help="YAML file of the camera's pose X_WC: translation, rotation.")
+    Path | None,
+    typer.Option(help="File of the camera's pose in the world: translation, rotation; or of ROS."),
+]
+DepthUnitOption = Annotated[
+    float | None,
+    typer.Option(
+        help="Metres per unit of the depth file (default: by the file, or 0.001 of integers)."
+    ),
+]
+AtOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="COLUMN,ROW", help="A pixel on the garment, where several things lie in view."
+    ),
+]
+RegionOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LEFT,TOP,RIGHT,BOTTOM", help="Use only this part of the depth image, pixels."
+    ),
 ]
 YawOption = Annotated[
     float, typer.Option(help="Without a pose: rotation of the garment about the vertical, degrees.")
@@ -80,6 +99,9 @@ class CaptureOptions:
     colour: Path | None = None
     registered: bool | None = None
     pose: Path | None = None
+    depth_unit: float | None = None
+    at: str | None = None
+    region: str | None = None
     yaw: float = 0.0
     sensor: str | None = None
     mode: str | None = None
@@ -103,12 +125,12 @@ class CaptureOptions:
             raise InputError(f"two images were given without the head's angles; {hint}")
         if count == 1 and self.head is not None:
             raise InputError("--head is for the two images LEFT and RIGHT; one file was given")
-        of_depth = ("camera", "colour", "registered", "pose")
+        of_depth = ("camera", "colour", "registered", "pose", "depth_unit", "at", "region")
         wrong = [name for name in of_depth if getattr(self, name) is not None]
         if self.yaw:
             wrong.append("yaw")
         if count == 2 and wrong:
-            options = ", ".join(f"--{name}" for name in wrong)
+            options = ", ".join(f"--{name.replace('_', '-')}" for name in wrong)
             raise InputError(
                 f"{options}: not allowed with two images; head.yaml contains this data"
             )
@@ -148,10 +170,12 @@ def observed(options: CaptureOptions, flattener: "Flattener") -> "Observation":
     Raises:
         InputError: a file or an option cannot be used, or there is no garment.
     """
+    import dataclasses as dc
     from math import radians
 
     from unwrinkle.flattening.capture_to_observation import StereoCapture, load_stereo_capture
     from unwrinkle.perception.depth.capture import Capture, load_capture
+    from unwrinkle.perception.depth.table_crop import crop_to_region
 
     capture: Capture | StereoCapture
     if options.head is not None:
@@ -164,7 +188,14 @@ def observed(options: CaptureOptions, flattener: "Flattener") -> "Observation":
             options.colour,
             colour_registered=options.registered,
             pose=options.pose,
+            depth_unit=options.depth_unit,
         )
+        if options.at is not None:
+            column, row = _pixels(options.at, 2, "--at", "COLUMN,ROW")
+            capture = dc.replace(capture, garment_at=(column, row))
+        if options.region is not None:
+            wanted = "LEFT,TOP,RIGHT,BOTTOM"
+            capture = crop_to_region(capture, _pixels(options.region, 4, "--region", wanted))
         if capture.X_WC is None:
             _log.warning(
                 "%s: no pose of the camera; the garment is taken to lie at the scenario's "
@@ -172,6 +203,21 @@ def observed(options: CaptureOptions, flattener: "Flattener") -> "Observation":
                 options.files[0],
             )
     return flattener.observe(capture, yaw=radians(options.yaw), seed=options.seed)
+
+
+def _pixels(text: str, count: int, option: str, wanted: str) -> list[int]:
+    """Return the whole numbers of an option.
+
+    Raises:
+        InputError: they are not as many as wanted, or no numbers.
+    """
+    try:
+        numbers = [int(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count:
+        raise InputError(f"{option} {text}: give {wanted} in pixels, e.g. without spaces")
+    return numbers
 
 
 def save_analysis(
