@@ -287,9 +287,9 @@ def load_colour_camera(name: str | Path) -> tuple[Camera, Pose] | None:
 def check_intrinsics(camera: Camera, name: str) -> None:
     """Refuse intrinsics that do not fit the size of their image, and unknown noise profiles.
 
-    The principal point of a whole image lies near its middle: within 0.08 of the side in every
-    measured camera of the references. Intrinsics of another common resolution miss it by 0.1 (640 x
-    400 of 640 x 480) to 0.5 (doubled).
+    The principal point of a whole image lies near its middle: within 0.08 of the side in the few
+    calibrated cameras that were looked at. Intrinsics of another common resolution miss it by 0.1
+    (640 x 400 of 640 x 480) to 0.5 (doubled).
 
     Args:
         camera: as read from a file.
