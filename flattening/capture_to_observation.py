@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from unwrinkle.flattening.observation import Observation
+from unwrinkle.flattening.plausibility import check_size, check_table_height, pose_hint
+from unwrinkle.models.errors import InputError
 from unwrinkle.models.robot import Cell
 from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.perception.depth.capture import Capture
@@ -77,7 +79,8 @@ def map_of(
         seed: of perception's random choices.
 
     Raises:
-        InputError: no table, no garment (`NoGarmentError`), or not enough of it in view.
+        InputError: no table, no garment (`NoGarmentError`), not enough of it in view, or a garment
+            or a table that cannot be where the depth and the pose put them.
     """
     if isinstance(capture, StereoCapture):
         # Imported here: its compiled kernels are slow to load.
@@ -91,16 +94,25 @@ def map_of(
             profile=profile,
             seed=seed,
         )
-    if capture.X_WC is not None:
-        capture = crop_to_table(capture, cell.table)
-    return range_map_from_capture(
-        capture,
-        profile=profile,
-        centre=cell.scenario.garment_centre,
-        table_height=cell.table.height,
-        yaw=yaw,
-        seed=seed,
-    )
+    try:
+        window = capture if capture.X_WC is None else crop_to_table(capture, cell.table)
+        found = range_map_from_capture(
+            window,
+            profile=profile,
+            centre=cell.scenario.garment_centre,
+            table_height=cell.table.height,
+            yaw=yaw,
+            seed=seed,
+        )
+        if capture.X_WC is not None:
+            check_table_height(found, cell.table, capture.name)
+        check_size(found, cell.table, capture.name)
+    except InputError as error:
+        hint = pose_hint(capture, cell.table)
+        if hint:
+            raise InputError(f"{error}; {hint}") from None
+        raise
+    return found
 
 
 def observation_of(
@@ -129,5 +141,6 @@ def observation_of(
         table=cell.table,
         section=rules.section,
         pull=rules.pull,
+        opening=cell.scenario.gripper.opening,
     )
-    return Observation.of(analysis)
+    return Observation.of(analysis, cell.garment)

@@ -20,6 +20,7 @@ from unwrinkle.models.robot import Cell
 from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.models.shared import Shared
 from unwrinkle.perception.depth.capture import Capture
+from unwrinkle.perception.folds.garment_state import GarmentState
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import NoiseProfile
 from unwrinkle.perception.target import FlatteningTarget, NoTarget
@@ -163,12 +164,14 @@ def choose(
         refused: wrinkles of this observation that were refused before.
 
     Raises:
-        InputError: the policy chose what was refused, or no wrinkle of the observation.
+        InputError: the policy chose what was refused, or no wrinkle of the observation; or it
+            calls a garment flat that is not.
     """
     refusals: list[Refusal] = []
     while True:
         decision = by.decide(observation.features, state, rules)
         if isinstance(decision, Stop):
+            _check_stop(decision, observation)
             return NoChoice(decision, state, tuple(refusals))
         _check_decision(decision, observation, rules, (*refused, *refusals))
         target = target_for(observation, decision, rules)
@@ -211,6 +214,9 @@ def analysis_report(
         points: include the wrinkles' point lists.
     """
     report = observation.analysis.to_json(points=points)
+    for wrinkle_report, kind in zip(report["wrinkles"], observation.folds.kinds, strict=True):
+        wrinkle_report["kind"] = kind.value
+    report["garment"] = observation.folds.to_json()
     report["flat"] = stop is not None and stop.flat
     if target is not None:
         report["target"] = {**target.to_json(), "wrinkle": wrinkle}
@@ -370,6 +376,20 @@ def _check_table(observation: Observation, cell: Cell) -> None:
             f"the table is seen {1e3 * abs(seen - own):.0f} mm {side} the cell's (at {seen:.3f} m, "
             f"the cell's at {own:.3f} m): check the camera's pose (the camera in the world, in "
             "metres), or the table of the scenario"
+        )
+
+
+def _check_stop(stop: Stop, observation: Observation) -> None:
+    """Refuse to call a garment flat that is not.
+
+    Raises:
+        InputError: with the state of the garment.
+    """
+    features = observation.features
+    if stop.flat and features.state is not GarmentState.FLAT:
+        raise InputError(
+            f"policy: calls the garment flat, which is {features.state} "
+            f"({'; '.join(features.reasons)}); ask `features.state`"
         )
 
 

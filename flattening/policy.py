@@ -1,8 +1,10 @@
 """The policy of the closed loop: which wrinkle next, with how many arms, and when to stop. Pure
 functions of values.
 
-- Flat: no wrinkle reaches the sensor's halting pull, and none is higher than the scenario's halting
-  height.
+- Flat: no wrinkle reaches the sensor's halting pull, none is higher than the scenario's halting
+  height, and the garment's layers and heights say that it is flat. A garment that is not flat but
+  has no wrinkle worth pulling ends the loop with its state: wrinkled, folded or crumpled, or not
+  seen well enough.
 - Wrinkles are pulled in the scenario's order (see `wrinkle_order`), with two arms first; without a
   motion for two arms, the next wrinkle; then with one arm, in the same order.
 - After a missed grasp the same wrinkle is tried again a few times, then abandoned.
@@ -23,6 +25,8 @@ from unwrinkle.flattening.wrinkle_order import in_order
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.models.shared import Shared
+from unwrinkle.perception.folds.garment_state import GarmentState
+from unwrinkle.perception.folds.ridge_kinds import RidgeKind
 
 #: Numbers of arms to try, in order, by the scenario's choice.
 ARMS = {"any": ("dual", "single"), "dual": ("dual",), "single": ("single",)}
@@ -50,10 +54,12 @@ class Stop(Shared):
     Attributes:
         flat: whether the garment is flat.
         reason: why.
+        state: of the garment, where that is the reason; None where something else is.
     """
 
     flat: bool
     reason: str
+    state: GarmentState | None = None
 
 
 @dataclass(frozen=True)
@@ -194,8 +200,8 @@ def after_blind_look(
 ) -> tuple[PolicyState, Stop | None]:
     """Count a look without a usable observation, and say whether to stop.
 
-    A sensor that cannot tell a single layer from the table sees nothing of a flat garment. So where
-    it saw a garment that was then pulled, an empty table means a flat garment.
+    A sensor that cannot tell a single layer from the table sees nothing of a flat garment. Where it
+    saw a garment that was then pulled, an empty table may be a flat garment, and the stop says so.
 
     Args:
         state: before the look.
@@ -209,9 +215,10 @@ def after_blind_look(
         return state, None
     if empty and unseen > rules.thickest_layer and state.last is not None:
         return state, Stop(
-            True,
-            f"flat as far as this sensor sees: nothing stands {1e3 * unseen:.1f} mm above the "
-            "table any more",
+            False,
+            f"{GarmentState.UNSEEN}: nothing stands {1e3 * unseen:.1f} mm above the table any "
+            "more, and this sensor does not tell a flat garment from the table",
+            GarmentState.UNSEEN,
         )
     return state, Stop(False, f"nothing usable seen in {state.blind} looks: {reason}")
 
@@ -234,14 +241,18 @@ def decide(
             f"most {rules.most_along_edge:.0%} may; it hangs over, lay it back",
         )
     if not worth:
-        pull = max((wrinkle.pull for wrinkle in features.wrinkles), default=0.0)
-        height = max((wrinkle.height for wrinkle in features.wrinkles), default=0.0)
-        return Stop(
-            True,
-            f"flat: {len(features.wrinkles)} wrinkles, the largest pull {1e3 * pull:.1f} mm of "
+        wrinkles = [each for each in features.wrinkles if each.kind is RidgeKind.WRINKLE]
+        pull = max((wrinkle.pull for wrinkle in wrinkles), default=0.0)
+        height = max((wrinkle.height for wrinkle in wrinkles), default=0.0)
+        found = (
+            f"{len(wrinkles)} wrinkles, the largest pull {1e3 * pull:.1f} mm of "
             f"{1e3 * features.halting_pull:.1f} mm, the highest {1e3 * height:.1f} mm of "
-            f"{1e3 * rules.halting_height:.1f} mm",
+            f"{1e3 * rules.halting_height:.1f} mm"
         )
+        if features.state is not GarmentState.FLAT:
+            reasons = "; ".join(features.reasons)
+            return Stop(False, f"{features.state}: {reasons}; no wrinkle to pull", features.state)
+        return Stop(True, f"flat: {found}", GarmentState.FLAT)
     if state.actions >= rules.actions:
         return Stop(
             False,

@@ -25,6 +25,10 @@ class NoGarmentError(PerceptionError):
     """The table was seen and nothing on it stands out as a garment."""
 
 
+class SeveralGarmentsError(PerceptionError):
+    """More than one thing on the table may be the garment."""
+
+
 class InsufficientViewError(PerceptionError):
     """Too little of the table or of the garment was measured."""
 

@@ -22,6 +22,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.planning import RobotDiagram, RobotDiagramBuilder
 
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.garment import KnownGarment, load_garment
 from unwrinkle.models.io.loader_yaml import load_yaml, models_dir
 from unwrinkle.models.io.model_files import files_named_by
 from unwrinkle.models.limits import Limits, load_limits
@@ -114,6 +115,16 @@ class Cell:
     scenario: Scenario
     robot: RobotDescription
     limits: Limits
+
+    @cached_property
+    def garment(self) -> KnownGarment | None:
+        """The garment as it is when flat, of the scenario's `known_garment`; None without one.
+
+        Raises:
+            InputError: the file is missing or wrong.
+        """
+        path = self.scenario.known_garment
+        return load_garment(path) if path else None
 
     @cached_property
     def robot_hash(self) -> str:
@@ -231,7 +242,9 @@ def load_cell(scenario: Scenario | str | Path | None = None) -> Cell:
     numbers += [value for row in robot.denavit_hartenberg for value in dc.astuple(row)]
     if not np.all(np.isfinite(numbers)):
         raise InputError(f"{scenario.robot}: a kinematic length or angle is missing")
-    return Cell(scenario, robot, load_limits(resolve(scenario.limits)).scaled(scenario.speed))
+    cell = Cell(scenario, robot, load_limits(resolve(scenario.limits)).scaled(scenario.speed))
+    _ = cell.garment  # a wrong file is told now
+    return cell
 
 
 def _check_robot(robot: RobotDescription, where: str) -> None:

@@ -15,7 +15,9 @@ from unwrinkle.models.io.settings import check_finite, with_settings
 
 SENSOR_KINDS = ("stereo", "depth", "truth")
 OUTLINES = ("towel", "dishcloth", "tshirt", "trousers")
-STARTS = ("bunched", "ridge", "pinched", "dropped", "flat")
+#: Starts of a simulated garment: wrinkled, crumpled or flat, and folded.
+FOLDED_STARTS = ("corner", "edge", "pressed", "pushed", "twice")
+STARTS = ("bunched", "ridge", "pinched", "dropped", "flat", *FOLDED_STARTS)
 ORDERS = ("volume", "pull", "height", "length", "together")
 TURNTABLES = ("free", "fixed")
 
@@ -209,7 +211,8 @@ class SimulatedGarment:
     material: str = "terry"
     # terry, print or plain.
     texture: str = "terry"
-    # bunched, ridge, pinched, dropped or flat.
+    # bunched, ridge, pinched, dropped or flat; or folded: corner, edge, pressed (an edge or corner
+    # without a bulge), pushed (a border pushed in) or twice.
     start: str = "bunched"
     # Number of nodes along the longer side.
     nodes: int = 80
@@ -239,6 +242,9 @@ class Scenario:
     speed: float = 1.0
     table: TableSettings = dc.field(default_factory=TableSettings)
     garment_centre: list[float] = dc.field(default_factory=lambda: [0.0, -1.10])
+    # What is known of the garment: a *.garment.yaml, as `unwrinkle garment learn` writes it; empty
+    # for nothing.
+    known_garment: str = ""
     gaze: list[float] = dc.field(default_factory=lambda: [0.0, -0.19])
     gripper: GripperSettings = dc.field(default_factory=GripperSettings)
     clearance: Clearances = dc.field(default_factory=Clearances)
@@ -396,6 +402,7 @@ def load_scenario(
         directives=[_beside(folder, uri) for uri in scenario.directives],
         robot=_beside(folder, scenario.robot),
         limits=_beside(folder, scenario.limits),
+        known_garment=_beside(folder, scenario.known_garment) if scenario.known_garment else "",
     )
 
 

@@ -31,6 +31,8 @@ class RangeMap:
         table_height: world z of the table plane.
         sensor: name of the noise profile: "stereo", "stereo-head", "xtion" or "tof".
         colour: (ny, nx, 3) uint8 RGB, or None.
+        mask_by: data that decided what is garment: "colour", "aligned colour", "depth", or "" if
+            that is not known.
 
     Raises:
         InputError: shapes disagree, a number is not finite, or the resolution is not positive.
@@ -44,6 +46,7 @@ class RangeMap:
     table_height: float
     sensor: str
     colour: NDArray[np.uint8] | None = None
+    mask_by: str = ""
 
     def __post_init__(self) -> None:
         """Check the fields, copy the arrays and make them read-only."""
@@ -128,6 +131,7 @@ class RangeMap:
             "resolution": self.resolution,
             "table_height": self.table_height,
             "sensor": self.sensor,
+            "mask_by": self.mask_by,
         }
         save_archive(path, header, arrays)
 
@@ -156,6 +160,7 @@ class RangeMap:
                 table_height=float(header["table_height"]),
                 sensor=str(header["sensor"]),
                 colour=arrays.get("colour"),
+                mask_by=str(header.get("mask_by", "")),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"{path}: range map lacks or spoils {error}; write it again") from None

@@ -77,12 +77,13 @@ def _drawn(
     blur: float = 0.6,
     noise: float = 0.0,
     seed: int = 0,
+    legacy: bool = False,
 ) -> NDArray[np.uint8]:
     texels = 40
     squares = (board.columns + 1, board.rows + 1)
     if board.dictionary:
         size = (squares[0] * texels, squares[1] * texels)
-        pattern = charuco_board(board).generateImage(size, marginSize=0)
+        pattern = charuco_board(board, legacy=legacy).generateImage(size, marginSize=0)
     else:
         dark = np.add.outer(np.arange(squares[1]), np.arange(squares[0])) % 2 == 0
         pattern = np.kron(np.where(dark, 0, 255), np.ones((texels, texels))).astype(np.uint8)

@@ -1,19 +1,24 @@
 """Command line: register the sub-commands, set up logging, convert errors into exit codes."""
 
 import atexit
+import errno
 import gc
 import importlib
+import locale
 import logging
 import os
 import pkgutil
 import sys
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
 from unwrinkle import __version__, commands
 from unwrinkle.commands._shared.examples import examples
 from unwrinkle.models.errors import UnwrinkleError
+
+#: Errors of a standard output that cannot be written.
+_OUTPUT_ERRORS = (errno.ENOSPC, errno.EIO, errno.EDQUOT)
 
 app = typer.Typer(
     name="unwrinkle",
@@ -83,7 +88,31 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     atexit.register(gc.freeze)  # at exit the collector would walk through all that was loaded
     try:
-        app(prog_name="unwrinkle")
+        try:
+            app(prog_name="unwrinkle")
+        finally:
+            if sys.stdout is not None:
+                sys.stdout.flush()
     except UnwrinkleError as error:
-        print("unwrinkle: " + " ".join(str(error).split()), file=sys.stderr)
-        sys.exit(error.exit_code)
+        _end(str(error), error.exit_code)
+    except OSError as error:
+        if error.filename is not None or error.errno not in _OUTPUT_ERRORS:
+            raise
+        # What is left in the buffer cannot be written either, and would fail again at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _end(f"standard output cannot be written ({error.strerror}); free its disk", 2)
+    except ImportError as error:
+        if "initialization failed" not in str(error):
+            raise
+        # Drake reads its environment as UTF-8.
+        _end(
+            f"Drake does not load ({error}) in the locale {locale.setlocale(locale.LC_CTYPE)}; "
+            "set LC_ALL=C.UTF-8",
+            2,
+        )
+
+
+def _end(text: str, code: int) -> NoReturn:
+    """Print one line on stderr and exit."""
+    print("unwrinkle: " + " ".join(text.split()), file=sys.stderr)
+    sys.exit(code)

@@ -16,6 +16,7 @@ MODULES = {
     "ctu_masks": "benchmarks.perception.ctu_masks",
     "depth_cameras": "benchmarks.perception.depth_cameras.benchmark",
     "faults": "tests.robustness.page",
+    "folds": "benchmarks.perception.folds.benchmark",
     "garments": "benchmarks.published.garments.benchmark",
     "gaze": "benchmarks.perception.gaze.benchmark",
     "grasps": "benchmarks.published.grasps.benchmark",

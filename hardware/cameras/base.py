@@ -189,25 +189,36 @@ class GrabbedPair:
         return ""
 
 
-def read_picture(path: Path) -> Picture:
-    """Read a picture file as (h, w, 3) uint8 RGB.
+def read_pictures(*paths: Path) -> list[Picture]:
+    """Read picture files of one exposure as (h, w, 3) uint8 RGB, in the sensors' orientation.
+
+    Pictures of 10 to 16 bits are scaled to 8, all alike.
 
     Raises:
-        HardwareError: the file cannot be read, or is not a picture.
+        HardwareError: a file cannot be read, or is not a picture.
     """
-    import cv2
+    from unwrinkle.models.io.images import decoded_images
 
-    try:
-        data = np.fromfile(path, dtype=np.uint8)
-    except OSError as error:
-        raise HardwareError(f"cannot read {path}: {error.strerror or error}") from None
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR_RGB) if data.size else None
-    if image is None:
-        raise HardwareError(
-            f"{path} is no picture that can be read ({data.size} bytes); set the camera to JPEG or "
-            "PNG"
-        )
-    return np.asarray(image, dtype=np.uint8)
+    encoded = []
+    for path in paths:
+        try:
+            encoded.append(np.fromfile(path, dtype=np.uint8))
+        except OSError as error:
+            raise HardwareError(f"cannot read {path}: {error.strerror or error}") from None
+    pictures: list[Picture] = []
+    for path, data, image in zip(paths, encoded, decoded_images(encoded), strict=True):
+        if image is None:
+            raise HardwareError(
+                f"{path} is no picture that can be read ({data.size} bytes); set the camera to "
+                "JPEG or PNG"
+            )
+        pictures.append(image)
+    return pictures
+
+
+def read_picture(path: Path) -> Picture:
+    """Read a picture file as (h, w, 3) uint8 RGB; see `read_pictures`."""
+    return read_pictures(path)[0]
 
 
 def expose(camera: PairCamera, number: int, deadline: float) -> PairPicture:

@@ -6,7 +6,7 @@ import threading
 import time
 from pathlib import Path
 
-from unwrinkle.hardware.cameras.base import GrabbedPair, Pair, Shot, read_picture
+from unwrinkle.hardware.cameras.base import GrabbedPair, Pair, Shot, read_pictures
 from unwrinkle.models.errors import HardwareError, InputError
 from unwrinkle.models.site import CameraSite
 
@@ -37,7 +37,11 @@ def pairs_in(folder: Path, left: str = "left", right: str = "right") -> list[tup
         folder: of the files.
         left, right: begins of the names.
     """
-    files = {path.name: path for path in folder.iterdir() if path.suffix.lower() in ENDINGS}
+    files = {
+        path.name: path
+        for path in folder.iterdir()
+        if path.suffix.lower() in ENDINGS and not path.name.startswith(".")
+    }
     return [
         (files[name], files[right + name[len(left) :]])
         for name in sorted(files)
@@ -79,7 +83,8 @@ class FolderCamera(GrabbedPair):
         left, right = self._pairs[index]
         # A copied file does not state when it was exposed.
         now = time.time()
-        return Shot(read_picture(left), now), Shot(read_picture(right), now)
+        pictures = read_pictures(left, right)
+        return Shot(pictures[0], now), Shot(pictures[1], now)
 
 
 class WatchCamera(GrabbedPair):
@@ -135,9 +140,10 @@ class WatchCamera(GrabbedPair):
             ]
             if new:
                 left, right = max(new, key=lambda pair: max(states[path][0] for path in pair))
+                pictures = read_pictures(left, right)
                 return (
-                    Shot(read_picture(left), states[left][0] * 1e-9),
-                    Shot(read_picture(right), states[right][0] * 1e-9),
+                    Shot(pictures[0], states[left][0] * 1e-9),
+                    Shot(pictures[1], states[right][0] * 1e-9),
                 )
             last = states
             if cancel.wait(READ_PERIOD_S):

@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from unwrinkle.hardware.cameras._gphoto_child import RESULT, usb_address
-from unwrinkle.hardware.cameras.base import GrabbedPair, Pair, Shot, read_picture
+from unwrinkle.hardware.cameras.base import GrabbedPair, Pair, Shot, read_pictures
 from unwrinkle.models.errors import HardwareError, InputError
 from unwrinkle.models.site import CameraSite
 
@@ -166,8 +166,6 @@ def _pair(folder: Path) -> Pair:
         names, times = (str(left), str(right)), (float(time_left), float(time_right))
     except (ValueError, TypeError, KeyError) as error:
         raise HardwareError(f"the capturing process says nonsense: {error}") from None
-    shots = [
-        Shot(read_picture(folder / Path(name).name), when)
-        for name, when in zip(names, times, strict=True)
-    ]
+    pictures = read_pictures(*(folder / Path(name).name for name in names))
+    shots = [Shot(picture, when) for picture, when in zip(pictures, times, strict=True)]
     return shots[0], shots[1]

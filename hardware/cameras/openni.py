@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -78,6 +79,8 @@ def grab_openni2() -> DepthFrame:
             return _frame(openni2, device)
         finally:
             openni2.unload()
+    except HardwareError:
+        raise
     except Exception as error:  # noqa: BLE001  the binding raises its own kinds
         raise HardwareError(stage.format(error)) from None
 
@@ -110,7 +113,9 @@ def _prepare(stream: Any, pixels: Any) -> None:
     mode.resolutionX, mode.resolutionY = SIZE
     mode.pixelFormat = pixels
     stream.set_video_mode(mode)
-    stream.set_mirroring_enabled(False)
+    # Some drivers cannot change mirroring; `_read` turns mirrored frames.
+    with suppress(Exception):  # the binding raises its own kinds
+        stream.set_mirroring_enabled(False)
 
 
 def _read(stream: Any, kind: type[Any]) -> NDArray[Any]:
@@ -121,7 +126,14 @@ def _read(stream: Any, kind: type[Any]) -> NDArray[Any]:
     shape = (frame.height, frame.width, -1) if kind is np.uint8 else (frame.height, frame.width)
     picture = np.frombuffer(data, dtype=kind).reshape(shape)
     # A device may ignore the setting, and a mirrored garment would be gripped on the wrong side.
-    return (picture[:, ::-1] if stream.get_mirroring_enabled() else picture).copy()
+    try:
+        mirrored = stream.get_mirroring_enabled()
+    except Exception as error:  # noqa: BLE001  the binding raises its own kinds
+        raise HardwareError(
+            "the OpenNI2 device does not report whether it mirrors its frames "
+            f"({error}); use another driver, or store its frames as captures"
+        ) from None
+    return (picture[:, ::-1] if mirrored else picture).copy()
 
 
 class OpenNi2Camera:

@@ -1,9 +1,9 @@
-"""Typed YAML: a dataclass is the schema; unknown keys are refused."""
+"""Typed YAML: a dataclass is the schema; unknown keys and keys given twice are refused."""
 
 import dataclasses
 import datetime
 import difflib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
@@ -12,6 +12,9 @@ import yaml
 from unwrinkle.models.errors import InputError
 
 Schema = TypeVar("Schema")
+
+#: Types in the loader's messages, in words.
+_PLAIN = {"bool": "true-or-false", "int": "whole-number", "float": "number", "str": "text"}
 
 #: What the typed loader raises over a text that is no YAML or does not fit the schema.
 _UNFIT = (yaml.YAMLError, RuntimeError, ValueError, TypeError, LookupError, OSError)
@@ -38,26 +41,77 @@ def load_yaml(path: str | Path, schema: type[Schema], *, child: str | None = Non
     )
 
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; check the name or the folder") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as text ({error})") from None
+    text = read_text(path)
     if not text.strip():
         raise InputError(f"{path}: is empty; write at least one key")
+    refuse_repeated_keys(text, path)
     try:
         mirror = _mutable(schema)
         loaded: Any = yaml_load_typed(schema=mirror, data=text, child_name=child)
     except _UNFIT as error:
         reason = (
-            _unknown_key(mirror, text, child) or f"{_one_line(error)}{_where(mirror, text, child)}"
+            _unknown_key(mirror, text, child)
+            or _unquoted(mirror, text, child)
+            or f"{_one_line(error)}{_where(mirror, text, child)}"
         )
         raise InputError(f"{path}: {reason}") from None
     try:
         return cast(Schema, _rebuilt(schema, loaded))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
+
+
+def read_text(path: Path) -> str:
+    """Read a text file in UTF-8.
+
+    Raises:
+        InputError: it is missing, or no such text.
+    """
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; check the name or the folder") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as text ({error})") from None
+
+
+def refuse_repeated_keys(text: str, path: Path) -> None:
+    """Refuse a YAML text with a key that is given twice in one mapping.
+
+    YAML keeps the last value without a word, so that a site would run with a speed that its reader
+    has crossed out. A text that is no YAML passes; reading it names the line.
+
+    Args:
+        text: of the file.
+        path: of the file, for messages.
+
+    Raises:
+        InputError: such a key; the message names it and both lines.
+    """
+    try:
+        documents = list(yaml.compose_all(text, yaml.SafeLoader))
+    except yaml.YAMLError:
+        return
+    for place, first, second in _repeated(documents):
+        raise InputError(
+            f"{path}: key '{place}' is given twice, at lines {first} and {second}; keep one"
+        )
+
+
+def _repeated(nodes: Iterable[Any], prefix: str = "") -> Iterator[tuple[str, int, int]]:
+    """Yield the dotted name and the two lines of each key that stands twice in one mapping."""
+    for node in nodes:
+        if isinstance(node, yaml.SequenceNode):
+            yield from _repeated(node.value, prefix)
+        if not isinstance(node, yaml.MappingNode):
+            continue
+        lines: dict[str, int] = {}
+        for key, value in node.value:
+            name, line = str(key.value), key.start_mark.line + 1
+            if isinstance(key, yaml.ScalarNode) and name in lines:
+                yield f"{prefix}{name}", lines[name], line
+            lines[name] = line
+            yield from _repeated([value], f"{prefix}{name}.")
 
 
 def _frozen(schema: Any) -> bool:
@@ -107,7 +161,10 @@ def _one_line(error: Exception) -> str:
         return f"is not valid YAML{where}"
     if isinstance(error, TypeError):
         return "a value has another form than the key wants, such as a number instead of a list"
-    return " ".join(str(error).split()).replace("<string>:", "").strip() or type(error).__name__
+    text = " ".join(str(error).split()).replace("<string>:", "").strip()
+    for python, plain in _PLAIN.items():
+        text = text.replace(f"<class '{python}'>", plain)
+    return text or type(error).__name__
 
 
 def _unknown_key(schema: type[Any], text: str, child: str | None) -> str:
@@ -147,32 +204,53 @@ def _mapping(text: str, child: str | None) -> Any:
     return raw
 
 
+def _unquoted(schema: type[Any], text: str, child: str | None) -> str:
+    """Name the first text that YAML reads as a truth value, a number or a date; empty if none."""
+    for name, value, hint in _unfit_keys(schema, _mapping(text, child)):
+        if hint is str and isinstance(value, bool | int | float | datetime.date):
+            return (
+                f"a text is wanted, and YAML reads {_KINDS[type(value)]}, {value}, where quotes "
+                f"are missing (key {name}; put it in quotes)"
+            )
+    return ""
+
+
+#: What YAML makes of a value without quotes.
+_KINDS = {
+    bool: "a truth value",
+    int: "a number",
+    float: "a number",
+    datetime.date: "a date",
+    datetime.datetime: "a date",
+}
+
+
 def _where(schema: type[Any], text: str, child: str | None) -> str:
     """Name the keys whose values do not fit the schema, for the end of a message.
 
     Empty where there are none.
     """
     keys = _unfit_keys(schema, _mapping(text, child))
-    hint = (
-        "; put it in quotes" if any(isinstance(value, datetime.date) for _, value in keys) else ""
-    )
-    return f" (key {', '.join(name for name, _ in keys)}{hint})" if keys else ""
+    return f" (key {', '.join(name for name, _, _ in keys)})" if keys else ""
 
 
-def _unfit_keys(schema: Any, raw: Any) -> list[tuple[str, Any]]:
-    """Find the keys (dotted) and values of a mapping that the schema refuses, by loading each on
-    its own.
+def _unfit_keys(schema: Any, raw: Any) -> list[tuple[str, Any, Any]]:
+    """Find the keys (dotted), values and wanted types of a mapping that the schema refuses, by
+    loading each on its own.
     """
     from pydrake.common.yaml import yaml_load_typed
 
     if not (isinstance(raw, dict) and dataclasses.is_dataclass(schema)):
         return []
     hints = get_type_hints(schema)
-    found = []
+    found: list[tuple[str, Any, Any]] = []
     for key, value in raw.items():
         try:
             yaml_load_typed(schema=schema, data=yaml.safe_dump({key: value}))
         except _UNFIT:
-            inner = _unfit_keys(hints.get(str(key)), value)
-            found += [(f"{key}.{name}", item) for name, item in inner] or [(str(key), value)]
+            hint = hints.get(str(key))
+            inner = _unfit_keys(hint, value)
+            found += [(f"{key}.{name}", item, kind) for name, item, kind in inner] or [
+                (str(key), value, hint)
+            ]
     return found

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from unwrinkle.models.arrays import Pose
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.io.images import decoded_images
 from unwrinkle.models.transforms import pose
 from unwrinkle.perception.camera import Camera
 
@@ -170,12 +171,10 @@ def load_grey(path: str | Path) -> NDArray[np.uint8]:
         encoded = np.frombuffer(path.read_bytes(), dtype=np.uint8)
     except OSError:
         raise InputError(f"{path}: no such image; check the name or the folder") from None
-    # Ignore the file's display orientation: calibration needs the sensor's pixels.
-    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-    image = cv2.imdecode(encoded, flags) if encoded.size else None
+    (image,) = decoded_images([encoded], grey=True)
     if image is None:
         raise InputError(f"{path}: is no image that can be read; give PNG, JPEG or TIFF")
-    return np.asarray(image, dtype=np.uint8)
+    return image
 
 
 def find_board(
@@ -248,9 +247,19 @@ def _chessboard(
 def _charuco(
     image: NDArray[np.uint8], board: Board
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.intp]]:
-    """Return the detected corners of a ChArUco board and their numbers, or None."""
-    corners, ids, _, _ = _charuco_detector(board).detectBoard(image)
-    if ids is None or len(ids) < max(6, _MIN_CORNER_FRACTION * board.columns * board.rows):
+    """Return the detected corners of a ChArUco board and their numbers, or None.
+
+    Boards drawn by OpenCV before 4.6, and by calib.io, begin with a marker instead of a dark square
+    where they have an even number of rows of squares. That pattern is tried second; at the wrong
+    one of the two, markers lie on dark squares and no corner is found.
+    """
+    least = max(6, _MIN_CORNER_FRACTION * board.columns * board.rows)
+    for legacy in (False, True):
+        detector = cv2.aruco.CharucoDetector(charuco_board(board, legacy=legacy))
+        corners, ids, _, _ = detector.detectBoard(image)
+        if ids is not None and len(ids) >= least:
+            break
+    else:
         return None, np.zeros(0, dtype=np.intp)
     numbers = np.asarray(ids, dtype=np.intp).ravel()
     x, y = numbers % board.columns, numbers // board.columns
@@ -275,15 +284,18 @@ def board_pose(view: BoardView, camera: Camera) -> Pose:
     return pose(Rotation.from_rotvec(np.ravel(turn)).as_matrix(), np.ravel(p))
 
 
-def charuco_board(board: Board) -> Any:
-    """Return OpenCV's `CharucoBoard`, which detects and draws the board."""
+def charuco_board(board: Board, *, legacy: bool = False) -> Any:
+    """Return OpenCV's `CharucoBoard`, which detects and draws the board.
+
+    Args:
+        board: a ChArUco board.
+        legacy: the pattern of OpenCV before 4.6.
+    """
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
     size = (board.columns + 1, board.rows + 1)
-    return cv2.aruco.CharucoBoard(size, board.square, board.marker, dictionary)
-
-
-def _charuco_detector(board: Board) -> Any:
-    return cv2.aruco.CharucoDetector(charuco_board(board))
+    drawn = cv2.aruco.CharucoBoard(size, board.square, board.marker, dictionary)
+    drawn.setLegacyPattern(legacy)
+    return drawn
 
 
 def _refined(

@@ -125,8 +125,13 @@ def find_pairs(paths: Sequence[Path]) -> list[ImagePair]:
     files: list[Path] = []
     for path in paths:
         if path.is_dir():
-            files += sorted(p for p in path.iterdir() if p.suffix.lower() in IMAGES)
-        else:
+            # macOS leaves a file ._NAME beside each NAME on foreign disks.
+            files += sorted(
+                p
+                for p in path.iterdir()
+                if p.suffix.lower() in IMAGES and not p.name.startswith(".")
+            )
+        elif not path.name.startswith("._"):
             files.append(path)
     sides: dict[str, dict[str, Path]] = {}
     for file in files:

@@ -103,6 +103,7 @@ def solve_hand_eye(
             f"{name}: methods disagree with Tsai's ({apart}; at most "
             f"{np.degrees(_MAX_DISAGREEMENT_RAD):.1f} degrees and {1e3 * _MAX_DISAGREEMENT_M:.0f} "
             "mm); the angles or poses may not belong to the images, or turn the mount more"
+            + (f"; poses {max(shifts):.0f} m off are not in metres" if max(shifts) > 1.0 else "")
         )
     boards = [M @ X_MC @ T for M, T in zip(X_BM, X_CT, strict=True)]
     X_BT = mean_pose(boards)

@@ -1,15 +1,18 @@
 """Depth captures: depth image and camera, optionally colour and camera pose; file formats.
 
-Depth files: `.png` of uint16 millimetres; `.npy`; `.npz`. Integers are millimetres, floats metres;
-0, negative infinity, infinity and NaN mean "no reading". Keys of an `.npz`: `depth` (h, w); and
-optionally `colour`, either (h', w', 3) uint8 RGB or the bytes (n,) of a PNG or JPEG; `X_WC` (4, 4),
-the camera's pose in the world; `header`, a JSON object with `depth_unit` (metres per integer),
-`camera` (the fields of `Camera`), `colour_registered`. Other arrays are ignored.
+Depth files: `.png` of uint16 millimetres; `.npy`; `.npz`. Integers are millimetres, floats metres,
+unless a unit is given. No reading: 0, NaN, infinity, the type's largest integer (65535), one
+negative value (-1), and everything beyond 10 m. Keys of an `.npz`: `depth` (h, w); and optionally
+`colour`, either (h', w', 3) uint8 RGB or the bytes (n,) of a PNG or JPEG; `X_WC` (4, 4), the
+camera's pose in the world; `header`, a JSON object with `depth_unit` (metres per integer), `camera`
+(the fields of `Camera`), `colour_registered`. The unit may also be called as other programs do, see
+`depth_units`. Other keys and arrays are refused: one that is not read may change the meaning.
 """
 
 import dataclasses
+import difflib
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,14 +23,21 @@ from numpy.typing import NDArray
 
 from unwrinkle.models.errors import InputError, InsufficientViewError
 from unwrinkle.models.io.archive import archive_members, load_archive, save_archive
-from unwrinkle.models.io.loader_yaml import load_yaml
-from unwrinkle.models.transforms import PoseRecord, check_pose
-from unwrinkle.perception.camera import Camera, load_camera
+from unwrinkle.models.io.images import decoded_images
+from unwrinkle.models.io.pose_file import load_pose
+from unwrinkle.models.transforms import check_translation, nearest_pose
+from unwrinkle.perception.camera import Camera, check_intrinsics, load_camera, load_colour_camera
+from unwrinkle.perception.depth.color_registration import registered_colour
+from unwrinkle.perception.depth.depth_units import UNIT_KEYS, depth_in_metres, stated_unit
 
-#: Camera of a depth file that does not name one.
 _log = logging.getLogger(__name__)
 
+#: Camera of a depth file that does not name one.
 DEFAULT_CAMERA = "xtion-pro-live"
+
+#: Arrays of an `.npz`, and keys of its header, without those of the unit.
+_ARRAYS = ("depth", "colour", "X_WC")
+_HEADER_KEYS = ("camera", "colour_registered")
 
 #: Largest fraction of pixels without a reading.
 _MAX_HOLE_FRACTION = 0.5
@@ -35,6 +45,11 @@ _MAX_HOLE_FRACTION = 0.5
 #: Limits of a plausible median depth, metres.
 _MIN_DEPTH_M = 0.1
 _MAX_DEPTH_M = 10.0
+
+_UNITS = (
+    "; floats are read as metres, integers as millimetres; another unit is given in metres, e.g. "
+    "--depth-unit 0.0001"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +63,7 @@ class Capture:
         colour_registered: whether colour and depth share pixels.
         X_WC: (4, 4) pose of the camera in the world, or None if unknown.
         name: for messages and output files.
+        garment_at: column and row of a pixel on the garment, where several objects lie in view.
 
     Raises:
         InputError: wrong shapes, an empty depth image, implausible depths, or a pose that is not a
@@ -61,6 +77,7 @@ class Capture:
     colour_registered: bool = False
     X_WC: NDArray[np.float64] | None = None
     name: str = "capture"
+    garment_at: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         """Check and copy the arrays and make them read-only."""
@@ -74,15 +91,21 @@ class Capture:
         if np.isnan(depth).all():
             raise InputError(f"{self.name}: depth is all NaN; record it again")
         depth[~np.isfinite(depth)] = 0.0
-        if (depth < 0.0).any():
+        depth[depth >= _MAX_DEPTH_M] = 0.0
+        negative = np.unique(depth[depth < 0.0])
+        if negative.size > 1 or (negative.size and not (depth > 0.0).any()):
             raise InputError(f"{self.name}: depth has negative readings; wanted metres, 0 for none")
+        depth[depth < 0.0] = 0.0  # one value: a sign for no reading
         if not depth.any():
-            raise InputError(f"{self.name}: depth is all zero (no reading); record it again")
+            raise InputError(
+                f"{self.name}: depth is all zero or beyond {_MAX_DEPTH_M:.0f} m (no reading); "
+                f"record it again{_UNITS}"
+            )
         middle = float(np.median(depth[depth > 0.0]))
         if not _MIN_DEPTH_M <= middle <= _MAX_DEPTH_M:
             raise InputError(
                 f"{self.name}: the median depth is {middle:.4g} m, wanted {_MIN_DEPTH_M} to "
-                f"{_MAX_DEPTH_M:.0f} m; floats are read as metres, integers as millimetres"
+                f"{_MAX_DEPTH_M:.0f} m{_UNITS}"
             )
         holes = float(np.mean(depth == 0.0))
         if holes > _MAX_HOLE_FRACTION:
@@ -107,7 +130,8 @@ class Capture:
             object.__setattr__(self, "colour", colour)
         if self.X_WC is not None:
             pose = np.array(self.X_WC, dtype=float)
-            check_pose(pose, f"{self.name}, camera in the world")
+            pose = np.array(nearest_pose(pose, f"{self.name}, camera in the world"))
+            check_translation(pose[:3, 3], f"{self.name}, camera in the world")
             pose.setflags(write=False)
             object.__setattr__(self, "X_WC", pose)
 
@@ -119,6 +143,7 @@ def load_capture(
     *,
     colour_registered: bool | None = None,
     pose: str | Path | NDArray[np.float64] | None = None,
+    depth_unit: float | None = None,
 ) -> Capture:
     """Read a capture from a depth file.
 
@@ -129,7 +154,9 @@ def load_capture(
             `*_rgb.jpg` or `.png`, CTU's `cloD*` -> `cloC*`).
         colour_registered: whether colour and depth share pixels; None for the value in the file, or
             False without one (equal size does not imply equal view).
-        pose: X_WC, a (4, 4) array or a YAML file with `translation` and `rotation` (rows).
+        pose: X_WC, a (4, 4) array or a file, see `models.io.pose_file`.
+        depth_unit: metres per unit of the stored numbers; None for the file's own, or millimetres
+            for integers and metres for floats.
 
     Raises:
         InputError: a file or value cannot be used; the message names the file.
@@ -145,20 +172,29 @@ def load_capture(
     elif suffix == ".npy":
         raw = _read_npy(path)
     elif suffix == ".npz":
-        header, arrays = load_archive(path, "depth|colour|X_WC")
-        if "depth" not in arrays:
-            names = ", ".join(archive_members(path)) or "none"
-            raise InputError(f"{path}: has no array 'depth' (it has {names})")
+        header, arrays = _read_npz(path)
         raw = arrays["depth"]
     else:
         raise InputError(f"{path}: depth must be .png, .npy or .npz, not {suffix or 'nameless'}")
-    depth = _metres(raw, header.get("depth_unit", 0.001), path)
+    depth = depth_in_metres(raw, depth_unit, stated_unit(header, path), path)
     chosen = _camera_of(camera, header, path)
     image, registered = _colour_of(path, colour, arrays, header)
     if colour_registered is not None:
         registered = colour_registered
     X_WC = _pose_of(pose, arrays)
-    return Capture(depth, chosen, image, registered, X_WC, str(path))
+    capture = Capture(depth, chosen, image, registered, X_WC, str(path))
+    beside = None if camera is None or isinstance(camera, Camera) else load_colour_camera(camera)
+    if beside is None or capture.colour is None or capture.colour_registered:
+        return capture
+    colour_camera, X_DC = beside
+    wanted = (colour_camera.height, colour_camera.width)
+    if capture.colour.shape[:2] != wanted:
+        raise InputError(
+            f"{path}: its colour image is {capture.colour.shape[:2]} (rows, columns), the colour "
+            f"camera of {camera} has {wanted}; give both of one resolution"
+        )
+    seen = registered_colour(capture.colour, capture.depth, chosen, colour_camera, X_DC)
+    return dataclasses.replace(capture, colour=seen, colour_registered=True)
 
 
 def save_capture(
@@ -189,6 +225,37 @@ def save_capture(
     save_archive(path, header, arrays)
 
 
+def _read_npz(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Return header and arrays of an archive.
+
+    Raises:
+        InputError: it has no depth, or a key or an array that is not read.
+    """
+    header, arrays = load_archive(path, "|".join((*_ARRAYS, *UNIT_KEYS)))
+    names = archive_members(path)
+    if "depth" not in arrays:
+        raise InputError(f"{path}: has no array 'depth' (it has {', '.join(names) or 'none'})")
+    for name in UNIT_KEYS:  # a number beside the depth is a key of the header
+        if name in arrays:
+            if arrays[name].size != 1 or name in header:
+                raise InputError(f"{path}: array {name!r} is no depth unit, or given twice")
+            header[name] = arrays.pop(name).item()
+    _refuse_unknown(path, "array", names, (*_ARRAYS, *UNIT_KEYS))
+    _refuse_unknown(path, "header key", header, (*_HEADER_KEYS, *UNIT_KEYS))
+    return header, arrays
+
+
+def _refuse_unknown(path: Path, what: str, names: Iterable[str], known: Sequence[str]) -> None:
+    for name in names:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1)
+            hint = f"did you mean {near[0]}?" if near else f"read are {', '.join(known)}"
+            raise InputError(
+                f"{path}: {what} {name!r} is not read and may change the meaning; rename it or "
+                f"leave it out ({hint})"
+            )
+
+
 def _read_png_depth(path: Path) -> NDArray[Any]:
     encoded = path.read_bytes()
     image = None
@@ -216,18 +283,6 @@ def _read_npy(path: Path) -> NDArray[Any]:
     return np.asarray(array)
 
 
-def _metres(raw: NDArray[Any], unit: Any, path: Path) -> NDArray[np.float32]:
-    if raw.ndim != 2:
-        raise InputError(f"{path}: depth has shape {raw.shape}, wanted (rows, columns)")
-    if np.issubdtype(raw.dtype, np.integer):
-        if not isinstance(unit, int | float) or not 0.0 < unit <= 0.1:
-            raise InputError(f"{path}: depth_unit {unit!r} must be metres per unit, over 0")
-        return (raw.astype(np.float64) * unit).astype(np.float32)
-    if np.issubdtype(raw.dtype, np.floating):
-        return raw.astype(np.float32)
-    raise InputError(f"{path}: depth is {raw.dtype}, wanted integers (mm) or floats (m)")
-
-
 def _camera_of(camera: str | Path | Camera | None, header: Mapping[str, Any], path: Path) -> Camera:
     if isinstance(camera, Camera):
         return camera
@@ -235,9 +290,13 @@ def _camera_of(camera: str | Path | Camera | None, header: Mapping[str, Any], pa
         return load_camera(camera)
     if "camera" in header:
         try:
-            return Camera(**header["camera"])
+            stored = Camera(**header["camera"])
         except TypeError as error:
             raise InputError(f"{path}: its camera does not fit ({error})") from None
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+        check_intrinsics(stored, str(path))
+        return stored
     _log.warning("%s: no camera was given; %s is assumed", path, DEFAULT_CAMERA)
     return load_camera(DEFAULT_CAMERA)
 
@@ -272,12 +331,10 @@ def _colour_of(
 
 
 def _decoded(encoded: NDArray[Any], path: Path) -> NDArray[np.uint8]:
-    image = None
-    if encoded.dtype == np.uint8 and encoded.size:
-        image = cv2.imdecode(encoded, cv2.IMREAD_COLOR)
+    image = decoded_images([encoded])[0] if encoded.dtype == np.uint8 else None
     if image is None:
         raise InputError(f"{path}: its colour is no readable image; record it again")
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+    return image
 
 
 def _pose_of(
@@ -287,4 +344,4 @@ def _pose_of(
         return arrays.get("X_WC")
     if isinstance(pose, np.ndarray):
         return pose
-    return load_yaml(Path(pose), PoseRecord).matrix(str(pose))
+    return load_pose(pose)

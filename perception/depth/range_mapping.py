@@ -1,5 +1,6 @@
 """Range mapping of depth captures: table plane, garment mask, world pose, metric grid."""
 
+import dataclasses
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +12,10 @@ from numpy.typing import NDArray
 
 from unwrinkle.models.errors import InputError, InsufficientViewError
 from unwrinkle.perception.depth.capture import DEFAULT_CAMERA, Capture, load_capture, save_capture
+from unwrinkle.perception.depth.flying_pixels import without_flying_pixels
+from unwrinkle.perception.depth.pieces import named_piece, refuse_other_pieces, without_high_objects
 from unwrinkle.perception.depth.segmentation import Segmentation, one_piece, segment
+from unwrinkle.perception.depth.table_choice import table_under_garment
 from unwrinkle.perception.depth.table_plane import TableFit, fit_table
 from unwrinkle.perception.height_grid import Grid, average
 from unwrinkle.perception.range_map import RangeMap
@@ -34,6 +38,12 @@ _MAX_HOLE_FRACTION = 0.5
 
 #: Depth below the table plane, metres, beyond which readings are ignored.
 _MAX_DEPTH_M = 0.02
+
+#: Depth below the table plane, metres, beyond which readings show something else.
+_MAX_BELOW_M = 0.05
+
+#: Fraction of flying pixels above which they are noted.
+_MANY_FLYING = 0.005
 
 #: Largest plausible tilt of the table, degrees.
 _MAX_TILT_DEG = 3.0
@@ -82,6 +92,7 @@ def range_map_from_capture(
         InputError: by the camera's pose the table is not level.
     """
     profile = profile or noise_profile(capture.camera.sensor)
+    capture = _cleaned(capture, profile)
     table, segmentation = segment_capture(capture, profile, seed=seed)
     seen = capture.depth > 0.0
     holes = 1.0 - float(np.mean(seen[segmentation.garment]))
@@ -130,6 +141,18 @@ class _PlacedPoints:
         return np.asarray((points_W - self.p_WC) @ self.R_WC)
 
 
+def _cleaned(capture: Capture, profile: NoiseProfile) -> Capture:
+    """Return a capture without flying pixels."""
+    depth, share = without_flying_pixels(capture.depth, profile.depth_noise)
+    if share > _MANY_FLYING:
+        _log.warning(
+            "%s: %.1f%% of the readings lie far from all of their neighbours and are left out",
+            capture.name,
+            1e2 * share,
+        )
+    return capture if share == 0.0 else dataclasses.replace(capture, depth=depth)
+
+
 def segment_capture(
     capture: Capture, profile: NoiseProfile, *, seed: int = 0
 ) -> tuple[TableFit, Segmentation]:
@@ -139,21 +162,33 @@ def segment_capture(
 
     Raises:
         NoGarmentError: there is no garment on the table.
+        SeveralGarmentsError: more than one thing may be it.
         InsufficientViewError: no table is found.
     """
     depth, camera, name = capture.depth, capture.camera, capture.name
-    table = fit_table(depth, camera, profile, seed=seed, name=name)
+    at = capture.garment_at
+    table, below = table_under_garment(depth, camera, profile, seed=seed, name=name)
+    pixel = table.distance / min(camera.fx, camera.fy)
+    # What lies far below is the floor, or a reading that is none.
+    on_table = (depth > 0.0) & (table.height > -_MAX_BELOW_M)
+    kept = without_high_objects(table.height, on_table, pixel, name)
     segmentation = segment(
         table.height,
-        depth > 0.0,
+        kept,
         profile,
         colour=capture.colour,
         registered=capture.colour_registered,
+        choose=None if at is None else lambda raised: named_piece(raised, pixel, name, at),
         seed=seed,
         name=name,
     )
-    near = _grown(segmentation.garment)
+    if at is None:
+        refuse_other_pieces(segmentation.garment, segmentation.raised, pixel, name)
+    near = _grown(segmentation.garment) | below
     table = fit_table(depth, camera, profile, exclude=near, seed=seed, name=name)
+    high = on_table & ~kept
+    if high.any():  # no reading of the garment, wherever it lies in plan
+        table = dataclasses.replace(table, depth=np.where(high, 0.0, table.depth))
     return table, segmentation
 
 
@@ -268,6 +303,7 @@ def _gridded(
         table_height=placed.table_height,
         sensor=profile.name,
         colour=colour,
+        mask_by=segmentation.method,
     )
 
 

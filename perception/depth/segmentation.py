@@ -4,6 +4,8 @@ GrabCut: C. Rother, V. Kolmogorov, A. Blake, SIGGRAPH 2004. A flat single layer 
 3 mm high, which is below a depth camera's noise: only colour distinguishes it from the table.
 """
 
+import logging
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +19,8 @@ from unwrinkle.models.arrays import Mask
 from unwrinkle.models.errors import InsufficientViewError, NoGarmentError
 from unwrinkle.perception.depth.color_registration import align_colour
 from unwrinkle.perception.sensor import NoiseProfile
+
+_log = logging.getLogger(__name__)
 
 #: Width of the image that GrabCut works on, pixels: for the competing cuts, of which the best only
 #: starts or aligns the last one, and for that.
@@ -35,6 +39,11 @@ _MIN_SAMPLES = 20
 #: Largest area of a garment, fraction of the view: the table must be visible around it.
 _MAX_AREA_FRACTION = 0.92
 
+#: Estimates of the place of a colour image with another field of view, and the change of its scale,
+#: fraction, at which they agree.
+_MAX_ALIGNMENTS = 6
+_SAME_SCALE = 0.012
+
 #: Least fraction of the depth core inside a colour cut; below it depth alone decides.
 _MIN_CORE_FRACTION = 0.85
 
@@ -51,12 +60,14 @@ class Segmentation:
         garment: (h, w) bool mask of the garment.
         colour: (h, w, 3) uint8 RGB in the depth image's pixels, or None.
         method: data that decided: "colour", "aligned colour" or "depth".
+        raised: (h, w) bool, pixels that by depth stand above the table, the garment's and others'.
         alignment: (2, 3) affine from colour pixels to depth pixels if it was estimated.
     """
 
     garment: Mask
     colour: NDArray[np.uint8] | None
     method: str
+    raised: Mask
     alignment: NDArray[np.float64] | None = None
 
 
@@ -67,6 +78,7 @@ def segment(
     *,
     colour: NDArray[np.uint8] | None = None,
     registered: bool = True,
+    choose: Callable[[Mask], Mask] | None = None,
     seed: int = 0,
     name: str = "capture",
 ) -> Segmentation:
@@ -79,6 +91,8 @@ def segment(
         colour: (h', w', 3) uint8 RGB, or None.
         registered: whether colour and depth share pixels (h', w' = h, w). Otherwise a similarity
             between them is estimated; if that fails, depth alone decides.
+        choose: returns the garment's part of the pixels (h, w) that stand above the table; None
+            for all of them.
         seed: of OpenCV's random numbers (k-means start of GrabCut's mixture models).
         name: of the capture, for messages.
 
@@ -88,11 +102,18 @@ def segment(
     """
     smooth = smooth_heights(height, seen, _blur_radius(height.shape, profile))
     depth_mask, core = _by_depth(smooth, seen, profile)
+    raised = depth_mask & seen
     if not core.any():
         raise NoGarmentError(
             f"{name}: no garment found (nothing over {_least_area(height.size)} pixels stands "
             f"{profile.garment_height * 1e3:.1f} mm above the table); lay a garment in view"
         )
+    if choose is not None:
+        kept = choose(depth_mask)
+        if not np.array_equal(kept, depth_mask):
+            smooth = np.where(depth_mask & ~kept, np.float32(0.0), smooth)
+            seen = seen & ~(depth_mask & ~kept)
+            depth_mask, core = kept, core & kept
     alignment = None
     image = None
     pictured = np.ones(seen.shape, dtype=bool)  # depth pixels that the colour image covers
@@ -101,8 +122,7 @@ def segment(
         image = colour
         depth_mask = _grab_cut_first(colour, core, depth_mask, seed) | core
     elif colour is not None:
-        first = _grab_cut_first(colour, core, depth_mask, seed)
-        alignment = align_colour(first, smooth, seen, span=0.8 * profile.garment_height)
+        first, alignment = _aligned(colour, core, depth_mask, smooth, seen, profile, seed)
         if alignment is not None:
             size = (height.shape[1], height.shape[0])
             image = np.asarray(
@@ -127,13 +147,73 @@ def segment(
             garment = _by_depth(smooth, seen, profile)[0]
     else:
         method = "depth"
+    if colour is not None and method == "depth":
+        _log.warning(
+            "%s: the colour image is not used, %s; flat parts of the garment may be missed. Give "
+            "the colour camera in the camera's file, or a colour image with depth's pixels and "
+            "--registered",
+            name,
+            "what is raised is not in its cut (is it registered?)"
+            if registered
+            else "its place over the depth image could not be verified",
+        )
     garment = one_piece(garment)
     share = np.count_nonzero(garment) / garment.size
     if share > _MAX_AREA_FRACTION:
         raise InsufficientViewError(
             f"{name}: the garment fills {share:.0%} of the view; the table must be seen around it"
         )
-    return Segmentation(garment, image, method, alignment)
+    return Segmentation(garment, image, method, raised, alignment)
+
+
+def _aligned(
+    colour: NDArray[np.uint8],
+    core: Mask,
+    mask: Mask,
+    smooth: NDArray[np.float32],
+    seen: Mask,
+    profile: NoiseProfile,
+    seed: int,
+) -> tuple[Mask, NDArray[np.float64] | None]:
+    """Cut the garment out of an unregistered colour image, and estimate its place over depth.
+
+    The cut begins with the core of the depth image where it would lie if both cameras had one field
+    of view. If they do not, the cut is repeated with the core where the estimate has it, until
+    both agree.
+
+    Returns:
+        The mask (h', w') in the colour image, and the affine (2, 3) to depth pixels; None where it
+        is unknown.
+    """
+    first = _grab_cut_first(colour, core, mask, seed)
+    scale = 1.0
+    for _ in range(_MAX_ALIGNMENTS):
+        found = align_colour(first, smooth, seen, span=0.8 * profile.garment_height)
+        if found is None:
+            break
+        if not found.unusual or abs(found.scale / scale - 1.0) < _SAME_SCALE:
+            return first, found.matrix
+        scale = found.scale
+        size = (colour.shape[1], colour.shape[0])
+        flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+        there, around = (
+            np.asarray(cv2.warpAffine(part.astype(np.uint8), found.matrix, size, flags=flags)) > 0
+            for part in (core, mask)
+        )
+        first = _grab_cut_first(colour, there, around, seed)
+    return first, None
+
+
+def raised_pixels(height: NDArray[np.floating[Any]], seen: Mask, profile: NoiseProfile) -> Mask:
+    """Return the pixels (h, w) that by depth alone stand above the table.
+
+    Args:
+        height: (h, w) metres above the table plane.
+        seen: (h, w) bool, pixels with a reading.
+        profile: noise of the sensor.
+    """
+    smooth = smooth_heights(height, seen, _blur_radius(height.shape, profile))
+    return _by_depth(smooth, seen, profile)[0] & seen
 
 
 def smooth_heights(
@@ -165,7 +245,9 @@ def _by_depth(smooth: NDArray[np.float32], seen: Mask, profile: NoiseProfile) ->
     strength = np.bincount(labels[strong], minlength=len(stats))
     strength[0] = 0
     least = 0.5 * _least_area(smooth.size)
-    good = (strength > 0.25 * stats[:, cv2.CC_STAT_AREA]) & (stats[:, cv2.CC_STAT_AREA] > least)
+    # Thick cloth with one high fold is mostly weak; a garment's area of strong pixels is no noise.
+    enough = (strength > 0.25 * stats[:, cv2.CC_STAT_AREA]) | (strength > _least_area(smooth.size))
+    good = enough & (stats[:, cv2.CC_STAT_AREA] > least)
     good &= strength > 0.05 * max(1, strength.max())
     good[0] = False
     mask: Mask = good[labels]

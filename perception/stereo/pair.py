@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.errors import InputError
+from unwrinkle.models.io.images import decoded_images
 
 #: Grey level below which a pixel is black.
 _BLACK_LEVEL = 4
@@ -66,23 +66,26 @@ class StereoPair:
 
 
 def load_pair(left: str | Path, right: str | Path) -> StereoPair:
-    """Load a pair from two image files.
+    """Load a pair from two image files, in the sensor's orientation.
+
+    Images of 10 to 16 bits are scaled to 8, both alike.
 
     Raises:
         InputError: a file is missing or not an image, or the pair is unusable; see `StereoPair`.
     """
     left, right = Path(left), Path(right)
     name = f"{left.name} + {right.name}"
-    return StereoPair(_read(left, "left"), _read(right, "right"), name)
-
-
-def _read(path: Path, side: str) -> NDArray[np.uint8]:
-    if not path.is_file():
-        raise InputError(f"{path}: no such {side} image; check the name or the folder")
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-    if image is None:
-        raise InputError(f"{path}: is no readable image; copy or take it again")
-    return np.asarray(image, dtype=np.uint8)
+    encoded = []
+    for path, side in ((left, "left"), (right, "right")):
+        if not path.is_file():
+            raise InputError(f"{path}: no such {side} image; check the name or the folder")
+        encoded.append(np.fromfile(path, dtype=np.uint8))
+    images = decoded_images(encoded)
+    for path, image in zip((left, right), images, strict=True):
+        if image is None:
+            raise InputError(f"{path}: is no readable image; copy or take it again")
+    left_image, right_image = (image for image in images if image is not None)
+    return StereoPair(left_image, right_image, name)
 
 
 def _thinned(image: NDArray[np.uint8]) -> NDArray[Any]:

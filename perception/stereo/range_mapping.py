@@ -17,6 +17,7 @@ from unwrinkle.perception.depth.table_plane import TableFit, fit_table
 from unwrinkle.perception.height_grid import Grid
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import NoiseProfile, noise_profile
+from unwrinkle.perception.stereo.brightness import check_exposures, equalized
 from unwrinkle.perception.stereo.epipolar import EpipolarCheck, corrected_rectification
 from unwrinkle.perception.stereo.head import Eye, Gaze, StereoHead
 from unwrinkle.perception.stereo.heights import heights_on_grid
@@ -136,8 +137,10 @@ def match_pair(
     _check_view(left_camera, box_L, pair)
     rectification = rectify(left_camera, right_camera, X_LR, region=None if whole else box_L)
     left, right = _grey(pair.left), _grey(pair.right)
+    check_exposures(left, right, pair.name)
     rectification, check = corrected_rectification(left, right, rectification, pair.name)
     left, right = rectification.apply(left, right)
+    right = equalized(left, right, pair.name)
     lowest, highest = rectification.disparity_range(box_L)
     disparity = remove_speckle(match(left, right, lowest, highest))
     return StereoMatch(rectification, X_WL @ rectification.X_LC, disparity, check)

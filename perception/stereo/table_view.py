@@ -1,5 +1,6 @@
 """Orthographic view of the table: heights, colour, garment mask and levelling on one grid."""
 
+import logging
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -8,11 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unwrinkle.models.arrays import Pose
-from unwrinkle.models.errors import InsufficientViewError
+from unwrinkle.models.errors import InsufficientViewError, SeveralGarmentsError
 from unwrinkle.perception.camera import Camera
+from unwrinkle.perception.depth.pieces import refuse_other_pieces
 from unwrinkle.perception.depth.segmentation import segment
 from unwrinkle.perception.height_grid import Grid
 from unwrinkle.perception.sensor import NoiseProfile
+
+_log = logging.getLogger(__name__)
 
 #: Approximate cell size for the segmentation of the garment, metres.
 _COARSE_CELL_M = 0.002
@@ -80,6 +84,12 @@ class TableView:
         height = np.divide(total, weight, out=np.zeros_like(total), where=seen)
         small = np.asarray(cv2.resize(colour, size, interpolation=cv2.INTER_AREA), np.uint8)
         found = segment(height, seen, profile, colour=small, seed=seed, name=self.name)
+        pixel = self.grid.resolution * self.grid.nx / size[0]
+        try:
+            refuse_other_pieces(found.garment, found.raised, pixel, self.name)
+        except SeveralGarmentsError as error:
+            # A garment of the loop may be seen in parts; the largest one is pulled.
+            _log.warning("%s. The first one is taken", error)
         full = (self.grid.nx, self.grid.ny)
         mask = cv2.resize(found.garment.astype(np.float32), full, interpolation=cv2.INTER_LINEAR)
         return np.asarray(mask) > 0.5

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from scipy import ndimage
 from unwrinkle.models.choices import PullReading
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.table import Table
+from unwrinkle.perception.layer_mask import LayerMask
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import NoiseProfile, noise_profile
 from unwrinkle.perception.target import FlatteningTarget, NoTarget
@@ -39,7 +41,7 @@ class Analysis:
         ridge_points: mask of ridge points, on the surface's grid.
         wrinkles: sorted by volume score, largest first.
         table: the working table; grasp points stay on it.
-        section, pull: options of the targets, see `flattening_target`.
+        section, pull, opening, layers: options of the targets, see `flattening_target`.
     """
 
     range_map: RangeMap
@@ -51,6 +53,8 @@ class Analysis:
     table: Table
     section: str = "centre"
     pull: str = "wrinkle"
+    opening: float = inf
+    layers: LayerMask | None = None
 
     @property
     def halting_measure(self) -> float:
@@ -120,6 +124,8 @@ class Analysis:
             section=self.section,
             pull=self.pull,
             table=self.table,
+            opening=self.opening,
+            layers=self.layers,
         )
 
     def to_json(self, *, points: bool = False) -> dict[str, Any]:
@@ -146,6 +152,7 @@ def analyse(
     patches: bool = False,
     section: str = "centre",
     pull: str = "wrinkle",
+    opening: float = inf,
 ) -> Analysis:
     """Find the wrinkles on a range map and the target of the largest that can be grasped.
 
@@ -155,7 +162,7 @@ def analyse(
         mode: reading of Eq. 5, see `PullReading`.
         profile: noise profile; None for that of the range map's sensor.
         patches: fit the paper's independent surface patches instead of one smooth surface.
-        section, pull: options of the targets, see `flattening_target`.
+        section, pull, opening: options of the targets, see `flattening_target`.
 
     Raises:
         InputError: unknown mode or sensor, no garment, or no measured cell on it.
@@ -180,4 +187,5 @@ def analyse(
         table=table,
         section=section,
         pull=pull,
+        opening=opening,
     )

@@ -17,6 +17,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from unwrinkle.models.choices import PulledSlack, PullReading, SectionPlace
 from unwrinkle.models.table import Table
+from unwrinkle.perception.layer_mask import LayerMask
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.target import (
     STRETCH_LIMIT,
@@ -54,6 +55,13 @@ OUTSIDE_PROBE = 0.03
 
 #: Least fraction of that length with measurements.
 LEAST_SEEN = 0.2
+
+#: What a gripper encloses: from the grasp point inwards, and to both sides of it, metres.
+BLADE_REACH = 0.015
+BLADE_HALF_WIDTH = 0.008
+
+#: Room that the blades need beside the cloth between them, metres.
+BLADE_ROOM = 0.008
 
 #: Shifts of the sections that are tried in turn, fractions of the wrinkle's length.
 SECTION_SHIFTS = (0.0, -0.1, 0.1, -0.2, 0.2, -0.3, 0.3, -0.4, 0.4)
@@ -148,6 +156,8 @@ def flattening_target(
     mode: str = PullReading.FOOT,
     section: str = SectionPlace.CENTRE,
     pull: str = PulledSlack.WRINKLE,
+    opening: float = math.inf,
+    layers: LayerMask | None = None,
 ) -> FlatteningTarget | NoTarget:
     """Compute the flattening target of a wrinkle, or the reason why there is none.
 
@@ -166,6 +176,11 @@ def flattening_target(
         section: where along the wrinkle the section lies, see `SectionPlace`.
         pull: slack to remove, see `PulledSlack`; that of the section is counted from grasp point to
             grasp point.
+        opening: of the grippers' blades, metres; what is too high for it is not grasped.
+        layers: where cloth lies on other cloth, which is not grasped.
+
+    Returns:
+        The target; or the reason of the attempt that came nearest to one.
 
     Raises:
         InputError: unknown mode, section or pull.
@@ -177,20 +192,20 @@ def flattening_target(
     if contour is None:
         x, y = wrinkle.centre
         return NoTarget(f"the wrinkle's centre ({x:.3f}, {y:.3f}) lies outside the garment's mask")
-    first: NoTarget | None = None
+    grasps = _GraspRules(range_map, surface, contour, table, opening, layers)
+    nearest = _Problem(math.inf, "")
     shares = [middle + shift for shift in SECTION_SHIFTS]
     shares = [share for share in shares if abs(share - 0.5) < 0.5 - END_SHARE + 1e-6]
     for least in (GOOD_CROSSING_ANGLE, LEAST_CROSSING_ANGLE):
         for share in shares:
             start = section_start(wrinkle, share)
-            target = _section_target(
-                range_map, surface, wrinkle, contour, start, reading, pulled, table, least
-            )
+            target = _section_target(grasps, wrinkle, start, reading, pulled, least)
             if isinstance(target, FlatteningTarget):
                 return target
-            first = first or target
-    assert first is not None
-    return first
+            # An attempt of the second round is the same with a smaller limit.
+            if least == LEAST_CROSSING_ANGLE and target.lack < nearest.lack:
+                nearest = target
+    return NoTarget(nearest.reason)
 
 
 def section_place(wrinkle: Wrinkle, section: str) -> float:
@@ -229,30 +244,54 @@ def _run(wrinkle: Wrinkle) -> Vectors:
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(wrinkle.curve[:, :2], axis=0).T))])
 
 
+@dataclass(frozen=True)
+class _Problem:
+    """Why a grasp or a section cannot be used, and how much it lacks: 0 nothing, 1 a lot."""
+
+    lack: float
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class _GraspRules:
+    """What a grasp point is judged by."""
+
+    range_map: RangeMap
+    surface: Surface
+    contour: GarmentContour
+    table: Table
+    opening: float
+    layers: LayerMask | None
+
+
 def _section_target(
-    range_map: RangeMap,
-    surface: Surface,
+    grasps: _GraspRules,
     wrinkle: Wrinkle,
-    contour: GarmentContour,
     start: Vectors,
     reading: PullReading,
     pulled: PulledSlack,
-    table: Table,
     least_angle: float,
-) -> FlatteningTarget | NoTarget:
+) -> FlatteningTarget | _Problem:
+    contour, surface = grasps.contour, grasps.surface
     ends: list[tuple[Vectors, Vectors, Vectors]] = []
+    problems: list[_Problem] = []
     for sign in (-1.0, 1.0):
         outward = sign * wrinkle.normal
         crossing = contour.leave(start[:2], outward)
         if crossing is None or not contour.contains(start[:2]):
-            return NoTarget("the section across the wrinkle starts outside the garment's contour")
+            return _Problem(
+                1.0, "the section across the wrinkle starts outside the garment's contour"
+            )
         distance, inward = crossing
         edge = start[:2] + distance * outward
         grasp = start[:2] + max(distance - GRASP_INSET, 0.0) * outward
-        problem = _problem(range_map, contour, edge, grasp, inward, outward, table, least_angle)
+        problem = _problem(grasps, edge, grasp, inward, outward, least_angle)
         if problem is not None:
-            return NoTarget(problem)
+            problems.append(problem)
         ends.append((grasp, inward, outward))
+    if problems:
+        worst = max(problems, key=lambda each: each.lack)
+        return _Problem(sum(each.lack for each in problems), worst.reason)
     geodesic = section_length(surface, ends[0][0], ends[1][0])
     # Both hands move apart along the section: apart + 2 d <= limit x geodesic - margin.
     apart = float(np.hypot(*(ends[1][0] - ends[0][0])))
@@ -261,7 +300,7 @@ def _section_target(
     asked = slack if pulled is PulledSlack.SECTION else wrinkle.pull_distance(reading)
     hands = [
         HandTarget(
-            p_WG=np.array([*grasp, range_map.table_height]),
+            p_WG=np.array([*grasp, grasps.range_map.table_height]),
             grasp_direction=inward,
             pull_direction=outward,
             pull_distance=min(asked, most),
@@ -292,39 +331,65 @@ def section_length(surface: Surface, start: Vectors, end: Vectors) -> float:
 
 
 def _problem(
-    range_map: RangeMap,
-    contour: GarmentContour,
+    grasps: _GraspRules,
     edge: Vectors,
     grasp: Vectors,
     inward: Vectors,
     outward: Vectors,
-    table: Table,
     least_angle: float,
-) -> str | None:
+) -> _Problem | None:
     """Return the reason why a grasp point is unusable, or None."""
     place = f"at ({edge[0]:.3f}, {edge[1]:.3f})"
-    overhang = table.overhang(grasp)
+    overhang = grasps.table.overhang(grasp)
     if overhang > 0.0:
-        return (
+        return _Problem(
+            min(overhang / 0.1, 1.0),
             f"the garment reaches over the table's edge {place} by {overhang:.3f} m; "
-            "move or turn the garment"
+            "move or turn the garment",
         )
-    seen = _seen_outside(range_map, edge, outward)
+    seen = _seen_outside(grasps.range_map, edge, outward)
     if seen < LEAST_SEEN:
-        return (
+        return _Problem(
+            1.0 - seen / LEAST_SEEN,
             f"what lies outside the garment's contour {place} was not seen (the image's border, or "
             f"the shadow of a fold): only {seen:.0%} of {OUTSIDE_PROBE} m; move the camera or the "
-            "garment"
+            "garment",
         )
     angle = math.asin(min(max(float(-inward @ outward), -1.0), 1.0))
     if angle < least_angle:
-        return (
+        return _Problem(
+            1.0 - max(angle, 0.0) / least_angle,
             f"the pull would run along the garment's edge {place}: {math.degrees(angle):.0f} deg "
-            f"to it, at least {math.degrees(least_angle):.0f} deg are needed"
+            f"to it, at least {math.degrees(least_angle):.0f} deg are needed",
         )
-    if contour.contains(grasp) and np.hypot(*(edge - grasp)) > 0.5 * GRASP_INSET:
-        return None
-    return f"the wrinkle lies at the garment's rim {place}: there is no cloth to grasp beside it"
+    if not (grasps.contour.contains(grasp) and np.hypot(*(edge - grasp)) > 0.5 * GRASP_INSET):
+        return _Problem(
+            1.0,
+            f"the wrinkle lies at the garment's rim {place}: there is no cloth to grasp beside it",
+        )
+    enclosed = _enclosed(edge, outward)
+    height = float(sample(grasps.surface.z, grasps.surface.cells(enclosed)).max())
+    most = grasps.opening - BLADE_ROOM
+    if height > most:
+        return _Problem(
+            min(height / most - 1.0, 1.0),
+            f"the cloth stands {1e3 * height:.0f} mm high {place}, and the gripper closes over at "
+            f"most {1e3 * most:.0f} mm; open the stack or turn the garment",
+        )
+    if grasps.layers is not None and grasps.layers.at(enclosed).mean() > 0.3:
+        return _Problem(
+            0.5,
+            f"cloth lies on other cloth {place}, and the gripper would take both; open the flap",
+        )
+    return None
+
+
+def _enclosed(edge: Vectors, outward: Vectors) -> Vectors:
+    """Return points (n, 2) of the cloth between the blades, world, metres."""
+    inwards = np.linspace(0.0, GRASP_INSET + BLADE_REACH, 9)[:, None, None] * -outward
+    aside = np.array([-outward[1], outward[0]])
+    across = np.linspace(-BLADE_HALF_WIDTH, BLADE_HALF_WIDTH, 5)[None, :, None] * aside
+    return np.asarray(edge + inwards + across).reshape(-1, 2)
 
 
 def _seen_outside(range_map: RangeMap, edge: Vectors, outward: Vectors) -> float:

@@ -34,8 +34,13 @@ LEAST_FALL_RATIO = 0.4
 #: Least ridge height, metres; lower ones are cloth texture or the overshoot beside a smoothed step.
 LEAST_PEAK = 0.001
 
-#: Least fraction of the samples along a ridge that must have contours on both sides.
-LEAST_YIELD = 0.5
+#: Least fraction of the samples along a ridge that must have contours on both sides. Where one foot
+#: runs into a neighbour, a shadow or the rim, the ridge goes on without being measured.
+LEAST_YIELD = 0.25
+
+#: Length of the pieces in which a ridge is judged, multiples of `wrinkle_length`: a part that is
+#: the edge of a layer is cut off, and does not spoil the rest.
+PIECE_LENGTHS = 0.5
 
 #: Least length of a curve of degree 5, multiples of `wrinkle_length`; shorter curves get degree 2.
 QUINTIC_LENGTHS = 2.0
@@ -174,9 +179,8 @@ def wrinkles_of(line: Line, surface: Surface, profile: NoiseProfile, table: floa
             falls = _falls(coarse)
         else:
             falls = _falls(sides)
-        for run in _runs(found, round(profile.link_gap / profile.triplet_spacing)):
-            if not _is_crest(falls[:, run], crest[run]):
-                continue
+        ridge = (sides[0].found | sides[1].found) & _crests(falls, crest, profile)
+        for run in _runs(ridge, round(profile.link_gap / profile.triplet_spacing)):
             wrinkle = _measure(curve, sides, found, run, surface, profile, table)
             if wrinkle is not None:
                 wrinkles.append(wrinkle)
@@ -197,21 +201,29 @@ def _falls(sides: tuple[CrossSectionSide, CrossSectionSide]) -> Vectors:
     return np.stack([side.z[:, 0] - side.at(side.foot)[1] for side in sides])
 
 
-def _is_crest(falls: Vectors, found: NDArray[np.bool_]) -> bool:
-    """Return whether the ridge descends to both sides, by its heights over the feet.
+def _crests(falls: Vectors, found: NDArray[np.bool_], profile: NoiseProfile) -> NDArray[np.bool_]:
+    """Return the samples (n,) of the parts of a line that descend to both sides.
 
-    Callers pass heights of the smoother surface: beside a sharp step the finer one overshoots
-    enough to resemble a ridge.
+    A piece without samples that show both sides goes with its nearest judged neighbour. Callers
+    pass heights of the smoother surface: beside a sharp step the finer one overshoots enough to
+    resemble a ridge.
     """
-    if np.count_nonzero(found) < LEAST_YIELD * len(found):
-        return False
-    falls = falls[:, found]
+    count = len(found)
+    size = max(2, round(PIECE_LENGTHS * profile.wrinkle_length / profile.triplet_spacing))
+    pieces = np.array_split(np.arange(count), max(1, round(count / size)))
     ratios = falls.min(axis=0) / np.maximum(falls.max(axis=0), 1e-9)
-    return float(np.median(ratios)) >= LEAST_FALL_RATIO
+    judged = [piece[found[piece]] for piece in pieces]
+    known = [k for k, piece in enumerate(judged) if len(piece) >= 2]
+    crest = np.zeros(count, dtype=bool)
+    for k, piece in enumerate(pieces):
+        if known:
+            nearest = judged[min(known, key=lambda other: abs(other - k))]
+            crest[piece] = float(np.median(ratios[nearest])) >= LEAST_FALL_RATIO
+    return crest
 
 
 def _runs(found: NDArray[np.bool_], gap: int) -> list[slice]:
-    """Return the runs of samples with triplets, allowing gaps of at most `gap` samples."""
+    """Return the runs of samples of a ridge, allowing gaps of at most `gap` samples."""
     where = np.flatnonzero(found)
     if len(where) == 0:
         return []

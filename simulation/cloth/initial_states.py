@@ -1,4 +1,6 @@
-"""Initial states of a simulated garment: flat, with a ridge, bunched, pinched or dropped."""
+"""Initial states of a simulated garment: flat, with a ridge, bunched, pinched or dropped; folded
+ones are in `folded_states`.
+"""
 
 import dataclasses as dc
 from typing import Any
@@ -8,9 +10,10 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from unwrinkle.models.errors import InputError
-from unwrinkle.models.scenario import STARTS
+from unwrinkle.models.scenario import FOLDED_STARTS, STARTS
 from unwrinkle.simulation.cloth.cloth import Cloth
 from unwrinkle.simulation.cloth.fingers import carry, let_go, take
+from unwrinkle.simulation.cloth.folded_states import folded_state
 from unwrinkle.simulation.cloth.measures import overstretch
 from unwrinkle.simulation.cloth.state import ClothState
 
@@ -187,6 +190,9 @@ def start_state(cloth: Cloth, name: str, centre: Centre, seed: int) -> ClothStat
         state = pinched(cloth, centre, seed)
     elif name == "dropped":
         state = dropped(cloth, centre, seed)
+    elif name in FOLDED_STARTS:
+        _begin(cloth, centre, seed, 1)
+        state = folded_state(cloth, name, centre, seed)
     else:
         raise InputError(f"no start is called {name!r}; try one of {', '.join(STARTS)}")
     return dc.replace(state, time=0.0)

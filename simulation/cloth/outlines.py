@@ -85,6 +85,19 @@ class Outline:
         return float(self.cells.sum()) * self.spacing**2
 
     @property
+    def corners(self) -> NDArray[np.float64]:
+        """Corners (n, 2) of the garment's border in its plane, m, within a node's spacing."""
+        fine = np.kron(self.cells.T.astype(np.uint8), np.ones((4, 4), dtype=np.uint8))
+        borders, _ = cv2.findContours(np.pad(fine, 1), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        border = max(borders, key=cv2.contourArea)[:, 0].astype(np.float32)
+        # The border runs through the outermost pixels' centres: half a pixel inside the cells.
+        nodes = (border - 1.0 + 0.5) / 4.0
+        middle = 0.5 * np.array(self.cells.shape)
+        grown = (nodes - middle) * (1.0 + 0.25 / np.array(self.cells.shape))
+        points = (grown * self.spacing).astype(np.float32)
+        return cv2.approxPolyDP(points, 0.75 * self.spacing, True)[:, 0].astype(float)
+
+    @property
     def plane(self) -> NDArray[np.float64]:
         """Positions (nx, ny, 2) of all nodes in the garment's plane, centred at 0, m."""
         sides = [(np.arange(n) - 0.5 * (n - 1)) * self.spacing for n in self.mask.shape]

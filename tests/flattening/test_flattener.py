@@ -17,6 +17,7 @@ from unwrinkle.flattening.observation import GarmentFeatures, WrinkleFeatures
 from unwrinkle.flattening.policy import PolicyState
 from unwrinkle.models.robot import load_cell
 from unwrinkle.models.scenario import LoopSettings, load_scenario
+from unwrinkle.perception.folds.garment_state import GarmentState
 from unwrinkle.perception.target import NoTarget
 from unwrinkle.testing.scripted_station import Script, run_loop
 
@@ -93,8 +94,12 @@ def test_a_proposal_says_why_there_is_none(seen: uw.Observation) -> None:
     cell = uw.load_cell()
     flat = uw.Flattener(cell, rules=dc.replace(cell.scenario.loop, halting_height=1.0))
     profile = dc.replace(seen.analysis.profile, halting_pull=1.0)
-    low = dc.replace(seen, features=dc.replace(seen.features, halting_pull=profile.halting_pull))
-    proposal = flat.propose(low)
+    features = dc.replace(seen.features, halting_pull=profile.halting_pull)
+    proposal = flat.propose(dc.replace(seen, features=features))
+    assert proposal.plan is None and not proposal.flat
+    assert proposal.reason.startswith("wrinkled: stands")
+    level = dc.replace(features, state=GarmentState.FLAT)
+    proposal = flat.propose(dc.replace(seen, features=level))
     assert proposal.plan is None and proposal.flat and proposal.reason.startswith("flat")
     with pytest.raises(uw.InputError, match="any, dual, single"):
         flat.propose(seen, arms="both")

@@ -23,6 +23,7 @@ from unwrinkle.flattening.policy import (
 )
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import LoopSettings
+from unwrinkle.perception.folds.garment_state import GarmentState
 
 RULES = LoopSettings(actions=10, arms="any", halting_height=0.004, least_gain=0.1, grasp_attempts=2)
 A = WrinkleFeatures(0, (0.10, -1.1), 0.3, 50_000.0, 0.020, 0.012)
@@ -162,14 +163,15 @@ def test_nothing_seen_twice_ends() -> None:
 
 
 @pytest.mark.parametrize(
-    ("unseen", "acted_before", "flat"),
+    ("unseen", "acted_before", "told"),
     [(0.005, True, True), (0.005, False, False), (0.0012, True, False)],
 )
-def test_a_sensor_that_sees_no_single_layer(unseen: float, acted_before: bool, flat: bool) -> None:
+def test_a_sensor_that_sees_no_single_layer(unseen: float, acted_before: bool, told: bool) -> None:
     memory = acted(SIGHT, PolicyState()) if acted_before else PolicyState()
     memory, _ = after_blind_look(memory, "no garment found", RULES, empty=True, unseen=unseen)
     _, ended = after_blind_look(memory, "no garment found", RULES, empty=True, unseen=unseen)
-    assert ended is not None and ended.flat == flat
+    assert ended is not None and not ended.flat
+    assert (ended.state is GarmentState.UNSEEN) == told
     _, ended = after_blind_look(memory, "the camera returned nothing", RULES, unseen=unseen)
     assert ended is not None and not ended.flat
 

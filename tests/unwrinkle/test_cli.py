@@ -1,5 +1,6 @@
 """Exit codes, messages and start-up of the command line."""
 
+import errno
 import logging
 import subprocess
 import sys
@@ -135,3 +136,40 @@ def test_installed_command_reports_bad_input(tmp_path: Path) -> None:
         assert result.stdout == ""
         assert result.stderr.startswith("unwrinkle: there is no benchmark 'no-such'")
         assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("error", "named"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), "standard output"),
+        (ImportError("initialization failed"), "LC_ALL"),
+    ],
+)
+def test_what_no_command_can_help_ends_in_one_line(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    error: Exception,
+    named: str,
+) -> None:
+    def fail(**_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(cli, "app", fail)
+    monkeypatch.setattr(cli.os, "dup2", lambda *_: None)
+    monkeypatch.setattr(cli.sys.stdout, "fileno", lambda: 1, raising=False)
+    with pytest.raises(SystemExit) as stop:
+        cli.main()
+    assert stop.value.code == 2
+    shown = capsys.readouterr().err
+    assert named in shown
+    assert shown.count("\n") == 1
+
+
+@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "full", "out/a.png"), ImportError("no x")])
+def test_other_errors_stay_as_they_are(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
+    def fail(**_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(cli, "app", fail)
+    with pytest.raises(type(error)):
+        cli.main()

@@ -1,15 +1,18 @@
 """``unwrinkle analyse``: find the wrinkles, pictures and flattening target of a capture."""
 
 from unwrinkle.commands._shared.capture import (
+    AtOption,
     CameraOption,
     CaptureArgument,
     CaptureOptions,
     ColourOption,
+    DepthUnitOption,
     HeadOption,
     ModeOption,
     OutOption,
     PicturesOption,
     PoseOption,
+    RegionOption,
     RegisteredOption,
     SeedOption,
     SensorOption,
@@ -18,7 +21,7 @@ from unwrinkle.commands._shared.capture import (
     finished_folder,
     flattener_for,
     observed,
-    print_wrinkles,
+    print_garment,
     save_analysis,
 )
 from unwrinkle.commands._shared.settings import ScenarioOption, SetOption
@@ -38,6 +41,9 @@ def analyse(
     colour: ColourOption = None,
     registered: RegisteredOption = None,
     pose: PoseOption = None,
+    depth_unit: DepthUnitOption = None,
+    at: AtOption = None,
+    region: RegionOption = None,
     yaw: YawOption = 0.0,
     sensor: SensorOption = None,
     mode: ModeOption = None,
@@ -61,6 +67,9 @@ def analyse(
         colour=colour,
         registered=registered,
         pose=pose,
+        depth_unit=depth_unit,
+        at=at,
+        region=region,
         yaw=yaw,
         sensor=sensor,
         mode=mode,
@@ -74,7 +83,7 @@ def analyse(
     with finished_folder(folder) as work:
         save_analysis(work, observation, chosen, options, pictures=pictures, singles=True)
     console = Console()
-    print_wrinkles(console, observation.analysis, chosen)
+    print_garment(console, observation, chosen)
     if isinstance(chosen, Choice):
         for number, hand in enumerate(chosen.target.hands):
             console.print(

@@ -33,7 +33,10 @@ def flatten(
     ] = None,
     start: Annotated[
         str | None,
-        typer.Option(help="bunched, ridge, pinched, dropped or flat (default: the scenario's)."),
+        typer.Option(
+            help="bunched, ridge, pinched, dropped, flat, or folded: corner, edge, pressed, pushed "
+            "or twice (default: the scenario's)."
+        ),
     ] = None,
     texture: Annotated[
         str | None, typer.Option(help="terry, print or plain (default: the scenario's).")

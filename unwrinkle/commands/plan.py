@@ -7,15 +7,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from unwrinkle.commands._shared.capture import (
+    AtOption,
     CameraOption,
     CaptureArgument,
     CaptureOptions,
     ColourOption,
+    DepthUnitOption,
     HeadOption,
     ModeOption,
     OutOption,
     PicturesOption,
     PoseOption,
+    RegionOption,
     RegisteredOption,
     SeedOption,
     SensorOption,
@@ -24,7 +27,7 @@ from unwrinkle.commands._shared.capture import (
     finished_folder,
     flattener_for,
     observed,
-    print_wrinkles,
+    print_garment,
     save_analysis,
 )
 from unwrinkle.commands._shared.posture import StartOption, posture
@@ -60,6 +63,9 @@ def plan(
     colour: ColourOption = None,
     registered: RegisteredOption = None,
     pose: PoseOption = None,
+    depth_unit: DepthUnitOption = None,
+    at: AtOption = None,
+    region: RegionOption = None,
     yaw: YawOption = 0.0,
     sensor: SensorOption = None,
     mode: ModeOption = None,
@@ -94,6 +100,9 @@ def plan(
         colour=colour,
         registered=registered,
         pose=pose,
+        depth_unit=depth_unit,
+        at=at,
+        region=region,
         yaw=yaw,
         sensor=sensor,
         mode=mode,
@@ -125,7 +134,7 @@ def plan(
     planning = proposal.planned.result.timings.total
     clock.add("planning", planning)
     clock.lap("verification", less=planning)
-    print_wrinkles(console, observation.analysis, proposal.choice)
+    print_garment(console, observation, proposal.choice)
     for text in proposal.refused:
         console.print(f"[bold]skipped[/bold]: {text}", highlight=False)
     with finished_folder(folder) as work:
@@ -148,7 +157,7 @@ def _nothing_planned(
     console: "Console",
     pictures: bool,
 ) -> None:
-    """Write the analysis of a garment that needs no plan.
+    """Write the analysis of a garment that gets no plan.
 
     Raises:
         NoVerifiedPlanError: the garment is not flat, and no plan for it is verified.
@@ -156,11 +165,13 @@ def _nothing_planned(
     from unwrinkle.flattening.flattener import NoChoice
 
     chosen = NoChoice(proposal.stop, proposal.state, proposal.refusals)
-    print_wrinkles(console, observation.analysis, chosen)
-    if not proposal.flat:
+    print_garment(console, observation, chosen)
+    if not proposal.flat and proposal.stop.state is None:
         raise NoVerifiedPlanError(f"no verified plan: {proposal.reason}")
     with finished_folder(folder, outdated=(_PLAN, _VERDICT, _PAGE)) as work:
         save_analysis(work, observation, chosen, options, pictures=pictures)
+    if not proposal.flat:
+        raise NoVerifiedPlanError(f"no verified plan: {proposal.reason}; analysis in {folder}/")
     console.print(f"{proposal.reason}; nothing to plan. Analysis in {folder}/", highlight=False)
 
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from unwrinkle.flattening.flattener import Choice, NoChoice
 from unwrinkle.models.io.files import atomic_path
+from unwrinkle.perception.folds.garment_state import FoldAnalysis
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.wrinkles.analysis import Analysis
 from unwrinkle.perception.wrinkles.surface import CLASS_NAMES
@@ -50,14 +51,24 @@ def save_pictures(
     analysis: Analysis,
     chosen: Choice | NoChoice,
     *,
+    folds: FoldAnalysis | None = None,
     title: str = "",
     singles: bool = True,
 ) -> list[Path]:
     """Write `panel.png` and, with `singles`, one file per picture into the folder.
 
-    Return their paths.
+    Args:
+        folder: that exists.
+        analysis: of the garment's wrinkles.
+        chosen: what is to be pulled, or why nothing is.
+        folds: borders and flaps to draw on the heights.
+        title: of the panel.
+        singles: write each picture as a file of its own, too.
+
+    Returns:
+        The paths of the pictures.
     """
-    folder, painters = Path(folder), _painters(analysis, chosen)
+    folder, painters = Path(folder), _painters(analysis, chosen, folds)
     range_map = analysis.range_map
     written: list[Path] = []
     for name, (caption, painter) in painters.items() if singles else ():
@@ -114,15 +125,17 @@ def _write(figure: Figure, path: Path, dpi: int) -> Path:
     return path
 
 
-def _painters(analysis: Analysis, chosen: Choice | NoChoice) -> dict[str, tuple[str, Painter]]:
+def _painters(
+    analysis: Analysis, chosen: Choice | NoChoice, folds: FoldAnalysis | None
+) -> dict[str, tuple[str, Painter]]:
     range_map = analysis.range_map
     count = len(analysis.wrinkles)
     painters: dict[str, tuple[str, Painter]] = {}
     if range_map.colour is not None:
         painters["colour"] = ("colour and garment", lambda a, f: _colour(a, range_map))
     painters["height"] = (
-        "height above the table",
-        lambda a, f: _height(a, f, range_map),
+        "height above the table" if folds is None else f"height; garment {folds.state}",
+        lambda a, f: _height(a, f, range_map, folds),
     )
     painters["classes"] = ("shape index", lambda a, f: _classes(a, analysis))
     painters["ridges"] = (
@@ -193,7 +206,7 @@ def _bar(axes: Axes, figure: Figure, image: Any, label: str) -> None:
     figure.colorbar(image, cax=place, label=label).ax.tick_params(labelsize=8)
 
 
-def _height(axes: Axes, figure: Figure, range_map: RangeMap) -> None:
+def _height(axes: Axes, figure: Figure, range_map: RangeMap, folds: FoldAnalysis | None) -> None:
     shown = np.ma.masked_where(~range_map.valid, 1e3 * range_map.height)
     on = range_map.garment & range_map.valid
     top = float(np.percentile(1e3 * range_map.height[on], 99.7)) if on.any() else 10.0
@@ -204,6 +217,22 @@ def _height(axes: Axes, figure: Figure, range_map: RangeMap) -> None:
     _bar(axes, figure, image, "mm")
     _outline(axes, range_map)
     _frame(axes, range_map)
+    if folds is not None:
+        _folds(axes, range_map, folds)
+
+
+def _folds(axes: Axes, range_map: RangeMap, folds: FoldAnalysis) -> None:
+    """Draw borders of layers, and flaps with their fold lines and the directions they open in."""
+    x_min, x_max, y_min, y_max = range_map.extent
+    reach = 0.1 * max(x_max - x_min, y_max - y_min)
+    for line in folds.borders:
+        axes.plot(line[:, 0], line[:, 1], color="#d500f9", lw=1.6)
+    for flap in folds.flaps:
+        axes.plot(*flap.line.T, color="white", lw=3.5)
+        axes.plot(*flap.line.T, color="black", lw=1.8)
+        middle = flap.line.mean(axis=0)
+        _arrow(axes, middle - 0.3 * reach * flap.opening, middle + reach * flap.opening, "black")
+        axes.plot(*flap.hold, "o", color="white", mec="black", ms=7)
 
 
 def _classes(axes: Axes, analysis: Analysis) -> None:
@@ -332,7 +361,7 @@ def _target(axes: Axes, analysis: Analysis, chosen: Choice | NoChoice) -> None:
     axes.set_ylim(max(y_max, high[1]), min(y_min, low[1]))
 
 
-def _arrow(axes: Axes, start: Any, end: Any, colour: str, *, dashed: bool) -> None:
+def _arrow(axes: Axes, start: Any, end: Any, colour: str, *, dashed: bool = False) -> None:
     axes.annotate(
         "",
         xy=tuple(end),

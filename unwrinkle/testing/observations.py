@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 
 from unwrinkle.flattening.observation import GarmentFeatures, Observation, WrinkleFeatures
+from unwrinkle.perception.folds.garment_state import analyse_folds
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.perception.sensor import noise_profile
 from unwrinkle.perception.target import FlatteningTarget, NoTarget
@@ -115,4 +116,5 @@ def observation_of(
         table=TABLE,
         targets=chosen,
     )
-    return _Plain(analysis, GarmentFeatures(features, _HALTING_PULL, _NOISE))
+    folds = analyse_folds(range_map, (), profile)
+    return _Plain(analysis, folds, GarmentFeatures(features, _HALTING_PULL, _NOISE))

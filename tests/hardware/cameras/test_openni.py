@@ -115,6 +115,22 @@ def test_a_frame_is_whole_settled_and_not_mirrored(
     assert binding.ended == 3  # both streams and the library
 
 
+def test_a_device_that_cannot_change_mirroring_is_turned_here(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuses(self: Stream, on: bool) -> None:
+        raise RuntimeError("ONI_STATUS_NOT_SUPPORTED")
+
+    binding = install(monkeypatch, Binding())
+    monkeypatch.setattr(Stream, "set_mirroring_enabled", refuses)
+    np.testing.assert_array_equal(grab_openni2().depth[0, :3], [10, 11, 12])
+    binding.depth.mirrored = binding.colour.mirrored = False
+    np.testing.assert_array_equal(grab_openni2().depth[0, :3], [10, 11, 12])
+    monkeypatch.setattr(Stream, "get_mirroring_enabled", lambda self: refuses(self, True))
+    with pytest.raises(HardwareError, match="whether it mirrors"):
+        grab_openni2()
+
+
 def test_without_a_colour_sensor_there_is_depth_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     binding = install(monkeypatch, Binding(colour=False))
     assert grab_openni2().colour is None

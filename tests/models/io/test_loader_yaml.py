@@ -107,3 +107,35 @@ def test_the_key_of_a_child_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         load_yaml(_write(tmp_path, "a: {size: wide}\nb: {size: 1}"), Open, child="a")
     assert str(caught.value).endswith("(key size)")
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("size: 0.1\nsize: 1.0", "key 'size' is given twice, at lines 1 and 2"),
+        ("part:\n  name: a\n  size: 1\n  name: b", "key 'part.name' is given twice"),
+        ("part: {size: 1}\ndate: ''\npart: {size: 2}", "key 'part' is given twice"),
+        ("part: {size: 1, size: 1}", "key 'part.size' is given twice"),
+    ],
+)
+def test_a_key_given_twice_is_refused(tmp_path: Path, text: str, named: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_yaml(_write(tmp_path, text), Nested)
+    assert named in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        ("part: {name: off}", "part.name"),
+        ("part: {name: NO}", "part.name"),
+        ("part: {name: 0}", "part.name"),
+        ("date: 2024", "date"),
+        ("part: {name: 1.5}", "part.name"),
+    ],
+)
+def test_a_text_without_quotes_asks_for_them(tmp_path: Path, text: str, key: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_yaml(_write(tmp_path, text), Nested)
+    assert str(caught.value).endswith(f"(key {key}; put it in quotes)")
+    assert "<class" not in str(caught.value)

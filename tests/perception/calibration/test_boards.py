@@ -87,6 +87,19 @@ def test_a_picture_taken_upside_down_numbers_the_same_corners(draw_board: Draw) 
     np.testing.assert_allclose(last - turned.corners, _view(image).corners, atol=0.02)
 
 
+@pytest.mark.parametrize("legacy", [False, True])
+@pytest.mark.parametrize("size", [(8, 5), (9, 7), (9, 6)])
+def test_both_patterns_of_charuco_boards_are_found(
+    draw_board: Draw, size: tuple[int, int], legacy: bool
+) -> None:
+    board = Board(*size, 0.03, "DICT_5X5_100", 0.022)
+    X_CT = _placed()
+    view = _view(draw_board(board, CAMERA, X_CT, noise=3.0, legacy=legacy), board)
+    assert len(view.ids) > 0.7 * size[0] * size[1]
+    seen = CAMERA.project(transformed(X_CT, view.points_T))
+    assert np.linalg.norm(view.corners - seen, axis=1).max() < 0.6
+
+
 def test_part_of_a_charuco_board_is_enough(draw_board: Draw) -> None:
     X_CT = _placed(z=0.33)
     X_CT[0, 3] += 0.10

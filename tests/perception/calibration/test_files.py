@@ -60,6 +60,13 @@ def test_pairs_by_name(tmp_path: Path) -> None:
         assert pairs[2].right.name == "IMG-Right-10.JPG"
 
 
+def test_hidden_files_beside_the_images_are_skipped(tmp_path: Path) -> None:
+    files = _touch(tmp_path, "left1.png", "right1.png", "._left1.png", "._right1.png")
+    _touch(tmp_path, ".left2.png")
+    assert find_pairs([tmp_path]) == find_pairs(files)
+    assert [pair.left.name for pair in find_pairs([tmp_path])] == ["left1.png"]
+
+
 @pytest.mark.parametrize(
     ("names", "named"),
     [

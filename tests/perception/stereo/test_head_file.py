@@ -38,7 +38,7 @@ def test_a_look_and_its_calibration_survive_the_files(tmp_path: Path) -> None:
 def test_a_date_without_quotes_gets_a_hint(tmp_path: Path) -> None:
     path = written(tmp_path, nominal_calibration())
     path.write_text(path.read_text().replace("'", ""))
-    with pytest.raises(InputError, match=r"'date' .* put it in quotes"):
+    with pytest.raises(InputError, match=r"key date; put it in quotes"):
         load_head_angles(path)
 
 

@@ -10,6 +10,7 @@ from unwrinkle.flattening.policy import PolicyState, Stop, decide
 from unwrinkle.models.errors import InputError
 from unwrinkle.models.scenario import LoopSettings
 from unwrinkle.perception.depth.range_mapping import load_capture, range_map_from_capture
+from unwrinkle.perception.folds.garment_state import GarmentState
 from unwrinkle.perception.sensor import noise_profile
 from unwrinkle.perception.target import NoTarget
 from unwrinkle.perception.wrinkles.analysis import analyse
@@ -106,7 +107,7 @@ def test_the_largest_wrinkle_that_can_be_grasped_is_the_target():
         analysis.target_for(2)
 
 
-def test_below_the_halting_pull_the_garment_is_flat():
+def test_below_the_halting_pull_nothing_is_pulled_and_only_a_level_garment_is_flat():
     towel = Towel(ridges=(Ridge((0.0, -1.1), 0.3, 0.010, 0.012, 0.15),), side=0.4)
     range_map = map_of(towel, 0.0005)
     foot, paper = analyse(range_map, table=TABLE), analyse(range_map, mode="paper", table=TABLE)
@@ -117,6 +118,8 @@ def test_below_the_halting_pull_the_garment_is_flat():
     )
     assert paper.halting_measure < 0.005
     stop = decide(low, PolicyState(), LoopSettings())
+    assert isinstance(stop, Stop) and stop.state is GarmentState.WRINKLED and not stop.flat
+    stop = decide(replace(low, state=GarmentState.FLAT), PolicyState(), LoopSettings())
     assert isinstance(stop, Stop) and stop.flat
     eager = replace(noise_profile("stereo"), halting_pull=0.001)
     assert isinstance(chosen(analyse(range_map, mode="paper", profile=eager, table=TABLE)), Choice)

@@ -79,3 +79,34 @@ def test_failure_half_way_leaves_the_old_results(
         cli.main()
     assert (out / "analysis.json").read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (("--at", "12"), "COLUMN,ROW"),
+        (("--at", "a,b"), "COLUMN,ROW"),
+        (("--region", "1,2,3"), "LEFT,TOP,RIGHT,BOTTOM"),
+        (("--region", "0,0,900,100"), "not within the image"),
+        (("--depth-unit", "0"), "metres per unit"),
+    ],
+)
+def test_options_of_a_capture_that_do_not_fit(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    options: tuple[str, str],
+    named: str,
+) -> None:
+    np.save(tmp_path / "d.npy", np.full((480, 640), 1000, np.uint16))
+    arguments = (str(tmp_path / "d.npy"), "--out", str(tmp_path / "out"), *options)
+    assert _main(monkeypatch, "analyse", *arguments) == 2
+    assert named in capsys.readouterr().err
+
+
+def test_options_of_depth_are_none_of_a_pair(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pair = ("l.png", "r.png", "--head", "h.yaml", "--depth-unit", "0.001", "--at", "1,2")
+    assert _main(monkeypatch, "analyse", *pair) == 2
+    assert "--depth-unit, --at: not allowed" in capsys.readouterr().err

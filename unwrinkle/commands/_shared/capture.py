@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from unwrinkle.flattening.flattener import Choice, Flattener, NoChoice
     from unwrinkle.flattening.observation import Observation
     from unwrinkle.models.robot import Cell
-    from unwrinkle.perception.wrinkles.analysis import Analysis
 
 CaptureArgument = Annotated[
     list[Path],
@@ -42,7 +41,26 @@ RegisteredOption = Annotated[
     bool | None, typer.Option(help="Whether colour has the pixels of depth (default: by the file).")
 ]
 PoseOption = Annotated[
-    Path | None, typer.Option(help="YAML file of the camera's pose X_WC: translation, rotation.")
+    Path | None,
+    typer.Option(help="File of the camera's pose in the world: translation, rotation; or of ROS."),
+]
+DepthUnitOption = Annotated[
+    float | None,
+    typer.Option(
+        help="Metres per unit of the depth file (default: by the file, or 0.001 of integers)."
+    ),
+]
+AtOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="COLUMN,ROW", help="A pixel on the garment, where several things lie in view."
+    ),
+]
+RegionOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LEFT,TOP,RIGHT,BOTTOM", help="Use only this part of the depth image, pixels."
+    ),
 ]
 YawOption = Annotated[
     float, typer.Option(help="Without a pose: rotation of the garment about the vertical, degrees.")
@@ -81,6 +99,9 @@ class CaptureOptions:
     colour: Path | None = None
     registered: bool | None = None
     pose: Path | None = None
+    depth_unit: float | None = None
+    at: str | None = None
+    region: str | None = None
     yaw: float = 0.0
     sensor: str | None = None
     mode: str | None = None
@@ -104,12 +125,12 @@ class CaptureOptions:
             raise InputError(f"two images were given without the head's angles; {hint}")
         if count == 1 and self.head is not None:
             raise InputError("--head is for the two images LEFT and RIGHT; one file was given")
-        of_depth = ("camera", "colour", "registered", "pose")
+        of_depth = ("camera", "colour", "registered", "pose", "depth_unit", "at", "region")
         wrong = [name for name in of_depth if getattr(self, name) is not None]
         if self.yaw:
             wrong.append("yaw")
         if count == 2 and wrong:
-            options = ", ".join(f"--{name}" for name in wrong)
+            options = ", ".join(f"--{name.replace('_', '-')}" for name in wrong)
             raise InputError(
                 f"{options}: not allowed with two images; head.yaml contains this data"
             )
@@ -149,10 +170,12 @@ def observed(options: CaptureOptions, flattener: "Flattener") -> "Observation":
     Raises:
         InputError: a file or an option cannot be used, or there is no garment.
     """
+    import dataclasses as dc
     from math import radians
 
     from unwrinkle.flattening.capture_to_observation import StereoCapture, load_stereo_capture
     from unwrinkle.perception.depth.capture import Capture, load_capture
+    from unwrinkle.perception.depth.table_crop import crop_to_region
 
     capture: Capture | StereoCapture
     if options.head is not None:
@@ -165,7 +188,14 @@ def observed(options: CaptureOptions, flattener: "Flattener") -> "Observation":
             options.colour,
             colour_registered=options.registered,
             pose=options.pose,
+            depth_unit=options.depth_unit,
         )
+        if options.at is not None:
+            column, row = _pixels(options.at, 2, "--at", "COLUMN,ROW")
+            capture = dc.replace(capture, garment_at=(column, row))
+        if options.region is not None:
+            wanted = "LEFT,TOP,RIGHT,BOTTOM"
+            capture = crop_to_region(capture, _pixels(options.region, 4, "--region", wanted))
         if capture.X_WC is None:
             _log.warning(
                 "%s: no pose of the camera; the garment is taken to lie at the scenario's "
@@ -173,6 +203,21 @@ def observed(options: CaptureOptions, flattener: "Flattener") -> "Observation":
                 options.files[0],
             )
     return flattener.observe(capture, yaw=radians(options.yaw), seed=options.seed)
+
+
+def _pixels(text: str, count: int, option: str, wanted: str) -> list[int]:
+    """Return the whole numbers of an option.
+
+    Raises:
+        InputError: they are not as many as wanted, or no numbers.
+    """
+    try:
+        numbers = [int(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count:
+        raise InputError(f"{option} {text}: give {wanted} in pixels, e.g. without spaces")
+    return numbers
 
 
 def save_analysis(
@@ -193,7 +238,14 @@ def save_analysis(
     if pictures:
         from unwrinkle.runs.pictures import save_pictures
 
-        save_pictures(folder, analysis, chosen, title=options.name, singles=singles)
+        save_pictures(
+            folder,
+            analysis,
+            chosen,
+            folds=observation.folds,
+            title=options.name,
+            singles=singles,
+        )
 
 
 def _report(
@@ -217,15 +269,19 @@ def _report(
     }
 
 
-def print_wrinkles(
-    console: "Console", analysis: "Analysis", chosen: "Choice | NoChoice | None"
+def print_garment(
+    console: "Console", observation: "Observation", chosen: "Choice | NoChoice | None"
 ) -> None:
-    """Print the table of wrinkles, largest first; a star marks the wrinkle to be pulled."""
+    """Print the table of wrinkles, largest first, the garment's state and its flaps.
+
+    A star marks the wrinkle to be pulled.
+    """
     from unwrinkle.flattening.flattener import Choice
 
+    analysis = observation.analysis
     if analysis.wrinkles:
         marked = chosen.decision.wrinkle.index if isinstance(chosen, Choice) else None
-        console.print(_wrinkle_table(analysis, marked))
+        console.print(_wrinkle_table(observation, marked))
     else:
         console.print("no wrinkles")
     beyond = analysis.share_beyond_table
@@ -237,17 +293,29 @@ def print_wrinkles(
     if hidden > 0:
         console.print(f"and {hidden} smaller wrinkles, listed in analysis.json")
 
+    folds = observation.folds
+    console.print(f"garment: {folds.state} ({'; '.join(folds.reasons)})", highlight=False)
+    for flap in folds.flaps:
+        console.print(
+            f"flap of {1e4 * flap.area:.0f} cm2 ({flap.by}): fold line from "
+            f"({flap.line[0, 0]:+.3f}, {flap.line[0, 1]:+.3f}) to ({flap.line[1, 0]:+.3f}, "
+            f"{flap.line[1, 1]:+.3f}) m, opens along ({flap.opening[0]:+.2f}, "
+            f"{flap.opening[1]:+.2f})",
+            highlight=False,
+        )
 
-def _wrinkle_table(analysis: "Analysis", marked: int | None) -> "Table":
+
+def _wrinkle_table(observation: "Observation", marked: int | None) -> "Table":
     from math import atan2, degrees
 
     from rich.table import Table
 
+    analysis, kinds = observation.analysis, observation.folds.kinds
     count = len(analysis.wrinkles)
     title = f"{count} wrinkle{'s' * (count > 1)}, largest first (mm, deg)"
     star = "" if marked is None else "; * to be pulled"
     table = Table(title=title, caption=f"score: logarithm of the volume{star}")
-    for name in ("", "length", "width", "chord", "peak", "pull", "angle", "score"):
+    for name in ("", "length", "width", "chord", "peak", "pull", "angle", "score", "what"):
         table.add_column(name, justify="right")
     for index, wrinkle in enumerate(analysis.wrinkles[:_LISTED]):
         lengths = (
@@ -263,6 +331,7 @@ def _wrinkle_table(analysis: "Analysis", marked: int | None) -> "Table":
             *(f"{1e3 * length:.1f}" for length in lengths),
             f"{angle:.0f}",
             f"{wrinkle.volume_score:.2f}",
+            kinds[index].value,
         )
     return table
 

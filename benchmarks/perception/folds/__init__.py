@@ -1,0 +1,1 @@
+"""Benchmark `folds`: state, flaps and ridges of simulated garments, beside the true cloth."""
