@@ -399,7 +399,7 @@ def _walk(
         shape=(size, size),
     )
     chance = np.zeros(inside.shape)
-    chance[inside] = spsolve(matrix.tocsc(), right)
+    chance[inside] = spsolve(matrix.tocsc(), right, permc_spec="MMD_AT_PLUS_A")
     return chance
 
 
