@@ -216,7 +216,10 @@ def analysis_report(
     report = observation.analysis.to_json(points=points)
     for wrinkle_report, kind in zip(report["wrinkles"], observation.folds.kinds, strict=True):
         wrinkle_report["kind"] = kind.value
-    report["garment"] = observation.folds.to_json()
+    report["garment"] = {
+        **observation.folds.to_json(),
+        "table_height": observation.analysis.range_map.table_height,
+    }
     report["flat"] = stop is not None and stop.flat
     if target is not None:
         report["target"] = {**target.to_json(), "wrinkle": wrinkle}

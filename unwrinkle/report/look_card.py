@@ -9,6 +9,8 @@ from typing import Any
 from unwrinkle.perception.range_map import RangeMap
 from unwrinkle.planning.plan import FlatteningPlan
 from unwrinkle.report.pictures import (
+    BORDER,
+    FOLD_LINE,
     Window,
     analysis_marks,
     camera_picture,
@@ -94,7 +96,9 @@ def look_card(look: ReadLook, after: ReadLook | None, window: Window | None, top
     legend = (
         f'{scale}; <b style="color:#d50000">red</b> the wrinkle to be pulled, '
         '<b style="color:#00a152">green</b> the approach of the fingers, <b style="color:#ff6d00">orange</b> the pull '
-        "(arrows not to scale)</p>"
+        "(arrows not to scale); "
+        f'<b style="color:{BORDER}">violet</b> borders of layers, <b style="color:{FOLD_LINE}">black</b> fold lines and the '
+        "directions in which flaps open</p>"
     )
     outcome = ""
     if look.action is not None:
@@ -154,7 +158,7 @@ def _wrinkles(look: ReadLook) -> str:
         return "<h3>wrinkles</h3><p>No analysis was made.</p>"
     found = look.analysis.get("wrinkles", [])
     if not found:
-        return "<h3>wrinkles</h3><p>None.</p>"
+        return f"{_state(look)}<h3>wrinkles</h3><p>None.</p>"
     mode = look.analysis.get("mode", "foot")
     marked = (look.marked or {}).get("target", {}).get("wrinkle")
     rows = []
@@ -166,11 +170,11 @@ def _wrinkles(look: ReadLook) -> str:
         pulled = ' class="pulled"' if index == marked and look.acted else ""
         rows.append(
             f"<tr{pulled}><td>{index + 1}</td>{cells}<td>{degrees(w['angle']):.0f}°</td>"
-            f"<td>{w['volume_score']:.2f}</td></tr>"
+            f"<td>{w['volume_score']:.2f}</td><td>{escape(w.get('kind', ''))}</td></tr>"
         )
     heads = "".join(
         f"<th>{name}</th>"
-        for name in ("", "length mm", "width mm", "peak mm", "pull mm", "angle", "score")
+        for name in ("", "length mm", "width mm", "peak mm", "pull mm", "angle", "score", "what")
     )
     more = len(found) - _LISTED
     rest = f'<p class="small">and {more} smaller</p>' if more > 0 else ""
@@ -178,7 +182,16 @@ def _wrinkles(look: ReadLook) -> str:
         f'<p class="small">wrinkles are pulled from {1e3 * look.analysis["halting_pull"]:.0f} mm of pull on; '
         f"largest {1e3 * look.analysis['halting_measure']:.1f} mm</p>"
     )
-    return f"<h3>{len(found)} wrinkles, largest first</h3><table><tr>{heads}</tr>{''.join(rows)}</table>{rest}{halting}"
+    return f"{_state(look)}<h3>{len(found)} wrinkles, largest first</h3><table><tr>{heads}</tr>{''.join(rows)}</table>{rest}{halting}"
+
+
+def _state(look: ReadLook) -> str:
+    """Say what state the garment is in, and why."""
+    garment = (look.analysis or {}).get("garment")
+    if not garment:
+        return ""
+    reasons = escape("; ".join(garment["reasons"]))
+    return f'<h3>garment: {escape(garment["state"])}</h3><p class="small">{reasons}</p>'
 
 
 def _plan(look: ReadLook) -> str:

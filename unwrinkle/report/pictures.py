@@ -42,6 +42,9 @@ _STRAY = 0.01
 #: Length of the arrows in the pictures, m; independent of the pull, which is only a few
 #: millimetres.
 _ARROW = 0.07
+#: Borders of layers and fold lines: colours, and height above the table at which they are drawn, m.
+BORDER, FOLD_LINE = "#aa00ff", "#212121"
+_FOLD_HEIGHT = 0.008
 #: Maximum number of wrinkles drawn.
 _LISTED = 6
 
@@ -226,16 +229,17 @@ def _crop(
 
 
 def analysis_marks(data: dict[str, Any], project: Projection, *, only_target: bool = False) -> str:
-    """Draw an analysis as SVG: ridge lines with numbers, and the target's grasps and pulls.
+    """Draw an analysis as SVG: ridge lines with numbers, borders of layers, flaps with their fold
+    lines and the directions they open in, and the target's grasps and pulls.
 
     Args:
         data: analysis as plain data, with points.
         project: projection to the picture's pixels.
-        only_target: whether to leave out the other wrinkles and their numbers.
+        only_target: whether to leave out the other wrinkles, their numbers, borders and flaps.
     """
     target = data.get("target", {})
     marked = target.get("wrinkle")
-    parts = []
+    parts = [] if only_target else _fold_marks(data.get("garment", {}), project)
     for index, wrinkle in reversed(list(enumerate(data.get("wrinkles", [])[:_LISTED]))):
         if only_target and index != marked:
             continue
@@ -262,6 +266,25 @@ def analysis_marks(data: dict[str, Any], project: Projection, *, only_target: bo
             _arrow(project(np.array([p - aside, p - aside + _ARROW * pull])), COLOURS.pull)
         )
     return "".join(parts)
+
+
+def _fold_marks(garment: dict[str, Any], project: Projection) -> list[str]:
+    """Draw borders of layers and flaps."""
+    height = garment.get("table_height", 0.0)
+
+    def raised(points: Any) -> Array:
+        flat = np.array(points, dtype=float).reshape(-1, 2)
+        return np.column_stack([flat, np.full(len(flat), height + _FOLD_HEIGHT)])
+
+    lines = [raised(line) for line in garment.get("borders", [])]
+    parts = [_line(project(line), BORDER, 2.0) for line in lines if len(line) > 1]
+    for flap in garment.get("flaps", []):
+        line = raised(flap["line"])
+        middle = line.mean(axis=0)
+        parts.append(_line(project(line), FOLD_LINE, 2.5))
+        opens = np.append(flap["opening"], 0.0)
+        parts.append(_arrow(project(np.array([middle, middle + _ARROW * opens])), FOLD_LINE))
+    return parts
 
 
 def _picture(pixels: NDArray[Any], marks: str) -> Picture:

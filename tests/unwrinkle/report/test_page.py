@@ -18,6 +18,8 @@ from unwrinkle.perception.stereo.head_file import nominal_head
 from unwrinkle.report.charts import Series, line_chart, stage_chart
 from unwrinkle.report.page import report_page, write_report
 from unwrinkle.report.pictures import (
+    BORDER,
+    FOLD_LINE,
     WIDTH,
     Picture,
     Window,
@@ -279,3 +281,16 @@ def test_stage_chart_is_to_scale() -> None:
     assert "motion 12.0 s</span>" in chart
     assert "nap 1.0 s</span>" in chart
     assert "stereo" not in chart
+
+
+def test_folds_are_drawn_and_said() -> None:
+    window = Window(-0.3, 0.3, -1.4, -0.8)
+    garment = {
+        "table_height": 0.7,
+        "borders": [[[0.0, -1.2], [0.1, -1.2], [0.1, -1.1]]],
+        "flaps": [{"line": [[-0.1, -1.0], [0.1, -1.0]], "opening": [0.0, 1.0]}],
+    }
+    marks = analysis_marks({"wrinkles": [], "garment": garment}, window.project)
+    assert BORDER in marks and marks.count(FOLD_LINE) >= 2
+    only = analysis_marks({"wrinkles": [], "garment": garment}, window.project, only_target=True)
+    assert only == ""
