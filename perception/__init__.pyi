@@ -1,5 +1,6 @@
 from . import calibration as calibration
 from . import depth as depth
+from . import folds as folds
 from . import gaze as gaze
 from . import stereo as stereo
 from . import wrinkles as wrinkles

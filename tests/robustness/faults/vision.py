@@ -175,8 +175,8 @@ def spoiled_depth(case: Case) -> None:
     for name, look, words in (
         ("all NaN", with_depth(lambda d: d * np.nan), ("all NaN",)),
         ("all zero", with_depth(lambda d: 0 * d), ("all zero",)),
-        ("all saturated", with_depth(lambda d: d * 0 + 65.535), ("median depth",)),
-        ("millimetres for metres", with_depth(lambda d: 1e3 * d), ("median depth",)),
+        ("all saturated", with_depth(lambda d: d * 0 + 65.535), ("beyond 10 m",)),
+        ("millimetres for metres", with_depth(lambda d: 1e3 * d), ("beyond 10 m",)),
         ("70 % holes", with_depth(holes(0.7, 0.0)), ("insufficient view",)),
         ("70 % NaN", with_depth(holes(0.7, np.nan)), ("insufficient view",)),
     ):
